@@ -1,0 +1,151 @@
+"""A model as the passes and the adjoint see it: who makes a value, of what shape, and a way to append nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import onnx
+from onnx import helper, numpy_helper, shape_inference
+
+Dim = int | str | None
+Array = npt.NDArray[Any]
+
+
+class Graph:
+    """An ONNX model under construction.
+
+    Reads the nodes, constants and inferred shapes of a ModelProto and appends to it.  Values are known by name,
+    as in ONNX itself; the empty name is an absent optional input.
+
+    Parameters
+    ----------
+    model : onnx.ModelProto
+        Copied; the original is left alone.  Only its main graph is looked at.
+    """
+
+    def __init__(self, model: onnx.ModelProto) -> None:
+        self.model = onnx.ModelProto()
+        self.model.CopyFrom(model)
+        self.opset = next((o.version for o in model.opset_import if o.domain in ("", "ai.onnx")), 0)
+        self._constants = {t.name: t for t in self.model.graph.initializer}
+        self._arrays: dict[str, Array] = {}
+        self._names = {n.name for n in self.model.graph.node}
+        self._names.update(v for n in self.model.graph.node for v in (*n.input, *n.output))
+        self._names.update(self._constants)
+        for node in self.model.graph.node:
+            if node.op_type == "Constant" and node.attribute and node.attribute[0].name == "value":
+                self._constants[node.output[0]] = node.attribute[0].t
+        self._types: dict[str, onnx.TypeProto.Tensor] = {}
+        self.infer_shapes()
+
+    # -- reading ---------------------------------------------------------------------------------------------
+
+    @property
+    def nodes(self) -> Sequence[onnx.NodeProto]:
+        return self.model.graph.node
+
+    def producers(self) -> dict[str, onnx.NodeProto]:
+        """Value name -> the node that makes it."""
+        return {name: node for node in self.nodes for name in node.output if name}
+
+    def consumers(self) -> dict[str, list[onnx.NodeProto]]:
+        """Value name -> the nodes that read it."""
+        readers: dict[str, list[onnx.NodeProto]] = {}
+        for node in self.nodes:
+            for name in node.input:
+                readers.setdefault(name, []).append(node)
+        return readers
+
+    def infer_shapes(self) -> None:
+        """Refresh what `shape`, `rank` and `dtype` answer from, after nodes were appended or removed."""
+        inferred = shape_inference.infer_shapes(self.model, data_prop=True).graph
+        for value in (*inferred.value_info, *inferred.input, *inferred.output):
+            if value.type.HasField("tensor_type"):
+                self._types[value.name] = value.type.tensor_type
+
+    def constant(self, name: str) -> Array | None:
+        """The value of a constant, or None if `name` is computed."""
+        if name not in self._constants:
+            return None
+        if name not in self._arrays:
+            self._arrays[name] = numpy_helper.to_array(self._constants[name])
+        return self._arrays[name]
+
+    def is_constant(self, name: str) -> bool:
+        return name in self._constants
+
+    def shape(self, name: str) -> list[Dim] | None:
+        """Dimensions: an int where static, a name where symbolic, None where unknown; None for an unknown rank."""
+        if name in self._constants:
+            return list(self._constants[name].dims)
+        kind = self._types.get(name)
+        if kind is None or not kind.HasField("shape"):
+            return None
+        return [
+            d.dim_value if d.HasField("dim_value") else (d.dim_param or None if d.HasField("dim_param") else None)
+            for d in kind.shape.dim
+        ]
+
+    def rank(self, name: str) -> int | None:
+        shape = self.shape(name)
+        return None if shape is None else len(shape)
+
+    def elem_type(self, name: str) -> int:
+        """onnx.TensorProto.DataType of a value; FLOAT where inference does not tell."""
+        if name in self._constants:
+            return self._constants[name].data_type
+        kind = self._types.get(name)
+        return kind.elem_type if kind is not None and kind.elem_type else onnx.TensorProto.FLOAT
+
+    def dtype(self, name: str) -> np.dtype[Any]:
+        return np.dtype(helper.tensor_dtype_to_np_dtype(self.elem_type(name)))
+
+    # -- writing ---------------------------------------------------------------------------------------------
+
+    def unique(self, wanted: str) -> str:
+        """`wanted`, or `wanted` with a number behind it if the graph uses the name already."""
+        name, count = wanted, 1
+        while name in self._names:
+            count += 1
+            name = f"{wanted}_{count}"
+        self._names.add(name)
+        return name
+
+    def op(
+        self, op_type: str, *inputs: str, name: str, outputs: int | Sequence[str] = 1, **attributes: Any
+    ) -> str:
+        """Append a node; its (first) output has the node's name unless `outputs` names them.
+
+        Returns the name of the first output.
+        """
+        name = self.unique(name)
+        if isinstance(outputs, int):
+            outs = [name, *(self.unique(f"{name}/{i}") for i in range(1, outputs))]
+        else:
+            outs = list(outputs)
+            self._names.update(outs)
+        given = {key: value for key, value in attributes.items() if value is not None}
+        self.model.graph.node.append(helper.make_node(op_type, list(inputs), outs, name=name, **given))
+        return outs[0]
+
+    def const(self, value: npt.ArrayLike, name: str, dtype: npt.DTypeLike = None) -> str:
+        """Append an initializer and return its name."""
+        name = self.unique(name)
+        array = np.ascontiguousarray(np.asarray(value, dtype)).reshape(np.shape(value))
+        tensor = numpy_helper.from_array(array, name)
+        self.model.graph.initializer.append(tensor)
+        self._constants[name] = tensor
+        self._arrays[name] = array
+        return name
+
+    def int64s(self, values: Iterable[int], name: str) -> str:
+        return self.const(np.array(list(values), np.int64), name)
+
+
+def attributes(node: onnx.NodeProto) -> dict[str, Any]:
+    """A node's attributes as Python values; text as str."""
+    values = {a.name: helper.get_attribute_value(a) for a in node.attribute}
+    return {k: v.decode() if isinstance(v, bytes) else v for k, v in values.items()}

@@ -1,0 +1,8 @@
+"""Rewrites of a model; one idea a file.  Each takes a ModelProto and returns a new one."""
+
+from __future__ import annotations
+
+from .cut import cut
+from .fold_batchnorm import fold_batchnorm
+
+__all__ = ["cut", "fold_batchnorm"]

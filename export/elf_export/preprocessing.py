@@ -1,0 +1,90 @@
+"""Preprocessing inside the graph: raw pixels (N, H, W, C) to what the network was trained on (N, C, H, W)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import onnx
+from onnx import TensorProto, helper
+
+from .graph import Graph
+
+LEAST_STD = 1e-6  # of pixels in 0..255: keeps a flat image from dividing by zero
+
+
+@dataclass(frozen=True)
+class Preprocessing:
+    """How a network wants its pixels.
+
+    Attributes
+    ----------
+    color : "bgr", "rgb" or "gray"
+        Colour order of the graph's input.
+    standardize : bool
+        (I - mean(I)) / std(I) over all pixels and channels of each image: the paper's preprocessing.
+    scale : float
+        Otherwise: I * scale, then (. - mean) / std per channel.
+    mean, std : per channel, in the colour order of `color`
+    """
+
+    color: str = "bgr"
+    standardize: bool = True
+    scale: float = 1.0
+    mean: Sequence[float] = (0.0,)
+    std: Sequence[float] = (1.0,)
+
+    @property
+    def channels(self) -> int:
+        return 1 if self.color == "gray" else 3
+
+    def describe(self) -> str:
+        """The preprocessing in words, for the contract."""
+        if self.standardize:
+            return f"{self.color}, (I - mean(I)) / std(I) over all pixels and channels of each image"
+        mean, std = (", ".join(f"{v:g}" for v in values) for values in (self.mean, self.std))
+        return f"{self.color}, (I * {self.scale:g} - [{mean}]) / [{std}]"
+
+
+def prepend(graph: Graph, target: str, settings: Preprocessing, name: str = "image") -> None:
+    """Make the value `target`, the network's (N, C, H, W) input, from a new graph input of raw pixels.
+
+    Parameters
+    ----------
+    graph : Graph
+        Changed in place: `target` is no input any more, `name` (N, H, W, C) is.
+    """
+    proto = graph.model.graph
+    forward = list(proto.node)
+    copies = [onnx.NodeProto() for _ in forward]
+    for copy, node in zip(copies, forward, strict=True):
+        copy.CopyFrom(node)
+    del proto.node[:]
+
+    rank = [1, 2, 3]
+
+    def mean_of(x: str, role: str) -> str:
+        if graph.opset >= 18:
+            return graph.op("ReduceMean", x, graph.int64s(rank, f"pre/{role}_axes"), name=f"pre/{role}", keepdims=1)
+        return graph.op("ReduceMean", x, name=f"pre/{role}", axes=rank, keepdims=1)
+
+    if settings.standardize:
+        centred = graph.op("Sub", name, mean_of(name, "mean"), name="pre/centred")
+        variance = mean_of(graph.op("Mul", centred, centred, name="pre/squared"), "variance")
+        std = graph.op("Sqrt", variance, name="pre/std")
+        safe = graph.op("Max", std, graph.const(LEAST_STD, "pre/least_std", np.float32), name="pre/safe_std")
+        x = graph.op("Div", centred, safe, name="pre/standardized")
+    else:
+        # (I s - m) / d = I (s / d) - m / d
+        std64 = np.broadcast_to(np.asarray(settings.std, np.float64), settings.channels)
+        gain = graph.const(settings.scale / std64, "pre/gain", np.float32)
+        shift = graph.const(-np.asarray(settings.mean, np.float64) / std64, "pre/shift", np.float32)
+        x = graph.op("Add", graph.op("Mul", name, gain, name="pre/scaled"), shift, name="pre/normalized")
+    graph.op("Transpose", x, name="pre/nchw", outputs=[target], perm=[0, 3, 1, 2])
+    proto.node.extend(copies)
+
+    kept = [value for value in proto.input if value.name != target]
+    infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["N", "H", "W", settings.channels]), *kept]
+    del proto.input[:]
+    proto.input.extend(infos)

@@ -1,0 +1,38 @@
+"""ELF keypoints and descriptors from an ONNX graph, without PyTorch.
+
+>>> from elf_runtime import ElfRuntime, match
+>>> elf = ElfRuntime()
+>>> a, b = elf.detect("a.jpg"), elf.detect("b.jpg")      # doctest: +SKIP
+>>> pairs = match(a, b)                                   # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+from .contract import DescriptorSpec, InputSpec, ModelContract, WeightsSpec
+from .engine import ElfRuntime, Trace
+from .errors import ContractError, ElfError, ImageError, ModelError, ProviderError, SettingError
+from .features import Features
+from .matching import match
+from .params import PRESETS, DetectionParams, preset
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "PRESETS",
+    "ContractError",
+    "DescriptorSpec",
+    "DetectionParams",
+    "ElfError",
+    "ElfRuntime",
+    "Features",
+    "ImageError",
+    "InputSpec",
+    "ModelContract",
+    "ModelError",
+    "ProviderError",
+    "SettingError",
+    "Trace",
+    "WeightsSpec",
+    "match",
+    "preset",
+]

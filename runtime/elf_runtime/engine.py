@@ -1,0 +1,433 @@
+"""`ElfRuntime`: one .onnx file in, keypoints, scores and descriptors out."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import onnxruntime as ort
+
+from . import image as images
+from .contract import DescriptorSpec, ModelContract
+from .descriptors import sample
+from .errors import ElfError, ImageError, SettingError
+from .features import Features
+from .image import Array, ImageLike
+from .nms import greedy_nms
+from .params import DetectionParams, preset
+from .session import Provider, bundled_model, open_session
+from .threshold import scores_and_mask
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A detection with what led to it, at the working size (h, w).
+
+    Attributes
+    ----------
+    features : Features
+    saliency : (h, w) float32
+        S(I), as the graph gives it.
+    scores : (h, w) float32
+        The denoised saliency whose maxima the keypoints are.
+    mask : (h, w) bool
+        What passed the threshold (and the user's mask).
+    seconds : dict
+        Time of each stage: read, prepare, session, threshold, nms, descriptors.
+    """
+
+    features: Features
+    saliency: Array
+    scores: Array
+    mask: npt.NDArray[np.bool_]
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+class ElfRuntime:
+    """Runs an ELF model: saliency graph, threshold, non-maximum suppression, descriptors.
+
+    Parameters
+    ----------
+    model : path or bytes, optional
+        A file that ``elf-export`` wrote.  None is the bundled model, which works offline.
+    providers : str, (str, options) or sequence of them, optional
+        ONNX Runtime execution providers in order of preference, by short ("cuda") or full name.  None is the CPU.
+    threads : int, optional
+        Threads within an operator.  None is one per physical core.
+    spin : bool
+        Let idle threads spin between calls (faster by a few per cent, at a core each).
+    fallback : bool
+        Where a provider is not installed or does not start: warn and go on with the next (True), or raise.
+
+    Raises
+    ------
+    ModelError
+        The file is missing, empty or no ONNX model.
+    ContractError
+        It is an ONNX model, but not an ELF model that this version can run.
+    ProviderError
+        See `fallback`.
+
+    Notes
+    -----
+    An instance is safe to use from several threads at once; no call changes it.
+    """
+
+    def __init__(
+        self,
+        model: str | os.PathLike[str] | bytes | None = None,
+        *,
+        providers: Provider | Sequence[Provider] | None = None,
+        threads: int | None = None,
+        spin: bool = False,
+        fallback: bool = False,
+    ) -> None:
+        source = bundled_model() if model is None else model
+        self._session, self._name = open_session(source, providers, threads, spin, fallback)
+        metadata = self._session.get_modelmeta().custom_metadata_map
+        self.contract = ModelContract.from_metadata(metadata, self._name)
+        self.contract.check_tensors(self._session.get_inputs(), self._session.get_outputs(), self._name)
+        # Without this onnxruntime computes every output of the graph, asked for or not.
+        self._only_wanted = ort.RunOptions()
+        self._only_wanted.only_execute_path_to_fetches = True
+
+    def __repr__(self) -> str:
+        c = self.contract
+        layers = ",".join(d.layer for d in c.descriptors) or "none"
+        return f"ElfRuntime({self._name!r}: {c.network} {c.layer}, descriptors {layers}, {self.providers[0]})"
+
+    @property
+    def providers(self) -> list[str]:
+        """Names of the active execution providers, the preferred one first."""
+        return list(self._session.get_providers())
+
+    def detect(
+        self,
+        image: ImageLike,
+        max_keypoints: int | None = None,
+        threshold: str | float | None = None,
+        nms_radius: int | None = None,
+        border: int | None = None,
+        mask: npt.ArrayLike | None = None,
+        preset: str | None = None,
+        scale: float | None = None,
+        descriptor: str | None = None,
+        **settings: Any,
+    ) -> Features:
+        """Detect keypoints and describe them.
+
+        Parameters
+        ----------
+        image : (H, W), (H, W, 3) or (H, W, 4) array, or path
+            BGR (as OpenCV reads) or grey; uint8, uint16, or float in [0, 1]; 32x32 pixels or more.
+        max_keypoints : int
+            The strongest that many are kept.
+        threshold : "kapur", "none" or float in [0, 1]
+            See `DetectionParams`.
+        nms_radius, border : int
+            In pixels of the source image.
+        mask : (H, W) bool or integer array, optional
+            Keypoints only where it is non-zero.
+        preset : str, optional
+            "paper", "paper-webcam", "paper-robust" or "paper-components": start from the paper's settings
+            instead of the model's.
+        scale : float
+            Working scale: 0.5 lets the network see the image at half width and height.
+        descriptor : str, optional
+            Which of the model's descriptor layers; the first by default.
+        **settings
+            Any other field of `DetectionParams`.  What is None or absent is the preset's, else the model's.
+
+        Returns
+        -------
+        Features
+            Nothing found (a flat image, an empty mask) is (0, 2), (0,), (0, D).
+
+        Raises
+        ------
+        ImageError
+            On an image or mask that can't be processed.
+        SettingError
+            On a setting out of range or unknown.
+        """
+        settings |= {
+            "max_keypoints": max_keypoints,
+            "threshold": threshold,
+            "nms_radius": nms_radius,
+            "border": border,
+            "scale": scale,
+        }
+        return self.trace(image, mask=mask, preset=preset, descriptor=descriptor, **settings).features
+
+    def trace(
+        self,
+        image: ImageLike,
+        *,
+        mask: npt.ArrayLike | None = None,
+        preset: str | None = None,
+        descriptor: str | None = None,
+        **settings: Any,
+    ) -> Trace:
+        """As `detect`, with the saliency, the scores, the threshold mask and the time of each stage."""
+        params = self.params(preset, **settings)
+        spec = self.contract.descriptor(descriptor)
+        watch = _Stopwatch()
+        with watch("read"):
+            array = images.read(image)
+        with watch("prepare"):
+            work = self._prepare(array, params, mask)
+        with watch("session"):
+            saliency, maps = self._run(work.pixels[None], [spec] if spec else []) if work.textured else (None, {})
+        return self._finish(work, params, spec, saliency[0] if saliency is not None else None, maps, 0, watch)
+
+    def detect_batch(
+        self,
+        batch: Sequence[ImageLike],
+        *,
+        masks: Sequence[npt.ArrayLike | None] | None = None,
+        preset: str | None = None,
+        descriptor: str | None = None,
+        batch_size: int = 4,
+        **settings: Any,
+    ) -> list[Features]:
+        """`detect` for several images; neighbours of one size go through the network together.
+
+        Parameters
+        ----------
+        batch : sequence of images
+            Sizes may differ.
+        masks : sequence of masks or None, one per image, optional
+        batch_size : int
+            At most so many images at once: memory grows with it.
+
+        Returns
+        -------
+        list of Features, one per image, each the same as `detect` gives
+        """
+        if batch_size < 1:
+            raise SettingError(f"batch_size is an integer >= 1, not {batch_size!r}")
+        if masks is not None and len(masks) != len(batch):
+            raise ImageError(f"{len(masks)} masks for {len(batch)} images")
+        params = self.params(preset, **settings)
+        spec = self.contract.descriptor(descriptor)
+        results: list[Features] = []
+        group: list[_Work] = []
+
+        def flush() -> None:
+            textured = [work for work in group if work.textured]
+            if textured:
+                saliency, maps = self._run(np.stack([w.pixels for w in textured]), [spec] if spec else [])
+            index = 0
+            for work in group:
+                found = saliency[index] if work.textured else None
+                traced = self._finish(work, params, spec, found, maps if work.textured else {}, index, _Stopwatch())
+                results.append(traced.features)
+                index += work.textured
+            group.clear()
+
+        for i, item in enumerate(batch):
+            work = self._prepare(images.read(item), params, masks[i] if masks is not None else None)
+            if group and (len(group) == batch_size or work.pixels.shape != group[0].pixels.shape):
+                flush()
+            group.append(work)
+        if group:
+            flush()
+        return results
+
+    def saliency(self, image: ImageLike, scale: float | None = None) -> Array:
+        """The saliency map S(I) = |F^T dF/dI|, averaged over the image's channels.
+
+        Returns
+        -------
+        (H, W) float32
+            At the size of the source image (interpolated where the working scale is not 1); zero for a flat image.
+        """
+        array = images.read(image)
+        work = self._prepare(array, self.params(None, scale=scale), None)
+        if not work.textured:
+            return np.zeros(work.size, np.float32)
+        found: Array = self._run(work.pixels[None], [])[0][0]
+        if found.shape != work.size:
+            height, width = work.size
+            found = np.asarray(images.cv2.resize(found, (width, height), interpolation=images.cv2.INTER_LINEAR))
+        return found
+
+    def describe(
+        self, image: ImageLike, points: Any, descriptor: str | None = None, scale: float | None = None
+    ) -> Array:
+        """ELF's descriptors at anyone's keypoints.
+
+        Parameters
+        ----------
+        points : (N, 2) array of (x, y) in source-image pixels, or a sequence of cv2.KeyPoint
+            A point outside the image takes the descriptor of the nearest place inside.
+
+        Returns
+        -------
+        (N, D) float32, rows of unit L2 norm
+
+        Raises
+        ------
+        ImageError
+            On points of another shape, or NaN or infinite ones.
+        SettingError
+            If the model has no (such) descriptor.
+        """
+        spec = self.contract.descriptor(descriptor)
+        if spec is None:
+            raise SettingError(f"{self._name}: exported with --desc none, it can't describe")
+        where = _points(points)
+        work = self._prepare(images.read(image), self.params(None, scale=scale), None)
+        if len(where) == 0:
+            return np.zeros((0, spec.dim), np.float32)
+        maps = self._run(work.pixels[None], [spec], saliency=False)[1]
+        return sample(maps[spec.output][0], work.to_working(where), spec.stride, spec.offset)
+
+    def warmup(self, size: tuple[int, int] = (480, 640)) -> None:
+        """Run once on noise of (height, width), so that the first real image pays no first-use costs."""
+        noise = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
+        self.detect(noise)
+
+    def params(self, name: str | None = None, **settings: Any) -> DetectionParams:
+        """The settings that a call with this preset and these changes uses.
+
+        Raises
+        ------
+        SettingError
+            On an unknown preset or setting, or a value out of range.
+        """
+        base = self.contract.detection if name is None else preset(name, self.contract.network)
+        return base.updated(**settings)
+
+    def _prepare(self, array: npt.NDArray[Any], params: DetectionParams, mask: npt.ArrayLike | None) -> _Work:
+        spec = self.contract.input
+        pixels = images.to_pixels(array, spec)
+        size = pixels.shape[:2]
+        if min(size) < spec.min_size:
+            raise ImageError(
+                f"the image has {size[1]}x{size[0]} pixels; the smallest is {spec.min_size}x{spec.min_size}"
+            )
+        scale = max(params.scale, spec.min_size / min(size)) if params.scale < 1.0 else params.scale
+        textured = not images.is_flat(pixels)
+        pixels = images.resized(pixels, scale)
+        allowed = images.to_mask(mask, size, pixels.shape[:2]) if mask is not None else None
+        return _Work(pixels, size, scale, allowed, textured)
+
+    def _run(
+        self, pixels: Array, specs: Sequence[DescriptorSpec], saliency: bool = True
+    ) -> tuple[Array, Mapping[str, Array]]:
+        names = ([self.contract.saliency_output] if saliency else []) + [spec.output for spec in specs]
+        try:
+            values = self._session.run(names, {self.contract.input.name: pixels}, self._only_wanted)
+        except Exception as error:  # onnxruntime's own exceptions share no base of theirs
+            reason = str(error).strip().splitlines()[0][:300]
+            raise ElfError(f"{self._name}: the network failed on a {pixels.shape} input: {reason}") from error
+        by_name = dict(zip(names, values, strict=True))
+        return by_name.get(self.contract.saliency_output, np.zeros((len(pixels), 0, 0), np.float32)), by_name
+
+    def _finish(
+        self,
+        work: _Work,
+        params: DetectionParams,
+        spec: DescriptorSpec | None,
+        saliency: Array | None,
+        maps: Mapping[str, Array],
+        index: int,
+        watch: _Stopwatch,
+    ) -> Trace:
+        dim = spec.dim if spec else 0
+        if saliency is None:
+            zero = np.zeros(work.pixels.shape[:2], np.float32)
+            nothing = Features(
+                np.zeros((0, 2), np.float32), np.zeros(0, np.float32), np.zeros((0, dim), np.float32),
+                work.size, params.nms_radius,
+            )  # fmt: skip
+            return Trace(nothing, zero, zero, np.zeros(zero.shape, np.bool_), watch.seconds)
+        with watch("threshold"):
+            scores, mask = scores_and_mask(saliency, params)
+            if work.allowed is not None:
+                mask &= work.allowed
+        with watch("nms"):
+            candidates = _without_border(mask, _length(params.border, work.scale))
+            found, strength = greedy_nms(
+                scores, candidates, _length(params.nms_radius, work.scale), params.max_keypoints
+            )
+        with watch("descriptors"):
+            points = found.astype(np.float32)
+            descriptors = np.zeros((len(points), dim), np.float32)
+            if spec is not None and len(points):
+                descriptors = sample(maps[spec.output][index], points, spec.stride, spec.offset)
+        features = Features(work.to_source(points), strength, descriptors, work.size, params.nms_radius)
+        return Trace(features, saliency, scores, mask, watch.seconds)
+
+
+@dataclass(frozen=True)
+class _Work:
+    """An image made ready: pixels at the working size, and the way back to the source."""
+
+    pixels: Array  # (h, w, C)
+    size: tuple[int, int]  # (H, W) of the source
+    scale: float
+    allowed: npt.NDArray[np.bool_] | None
+    textured: bool
+
+    @property
+    def _ratio(self) -> npt.NDArray[np.float64]:
+        (height, width), (h, w) = self.size, self.pixels.shape[:2]
+        return np.array([w / width, h / height])
+
+    def to_source(self, points: Array) -> Array:
+        """Working to source pixels; the images' corners coincide, not their first pixels' centres."""
+        return ((points + 0.5) / self._ratio - 0.5).astype(np.float32)
+
+    def to_working(self, points: Array) -> Array:
+        return ((points + 0.5) * self._ratio - 0.5).astype(np.float32)
+
+
+class _Stopwatch:
+    """Adds up the wall time of named stages."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
+
+
+def _length(pixels: int, scale: float) -> int:
+    """A length of the source image in working pixels; a positive one stays positive."""
+    return max(1, round(pixels * scale)) if pixels else 0
+
+
+def _without_border(mask: npt.NDArray[np.bool_], border: int) -> npt.NDArray[np.bool_]:
+    inner = np.zeros_like(mask)
+    height, width = mask.shape
+    if height > 2 * border and width > 2 * border:
+        inside = np.s_[border : height - border, border : width - border]
+        inner[inside] = mask[inside]
+    return inner
+
+
+def _points(points: Any) -> Array:
+    if isinstance(points, Sequence) and points and hasattr(points[0], "pt"):
+        points = [p.pt for p in points]
+    try:
+        array = np.asarray(points, np.float32)
+    except (TypeError, ValueError) as error:
+        raise ImageError(f"points are an (N, 2) array of (x, y): {error}") from error
+    if array.size == 0:
+        return np.zeros((0, 2), np.float32)
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise ImageError(f"points are an (N, 2) array of (x, y), not of shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise ImageError("some points are NaN or infinite")
+    return array

@@ -1,0 +1,143 @@
+"""From what a user has (a path, grey, 8 or 16 bits, float) to what the graph takes: float32 pixels, NHWC."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from .contract import InputSpec
+from .errors import ImageError
+
+Array = npt.NDArray[np.float32]
+ImageLike = npt.NDArray[Any] | str | os.PathLike[str]
+
+
+def read(image: ImageLike) -> npt.NDArray[Any]:
+    """The array itself, or the decoded file: BGR or grey, with its bit depth kept.
+
+    Raises
+    ------
+    ImageError
+        If the file is missing or no image.
+    """
+    if isinstance(image, np.ndarray):
+        return image
+    if not isinstance(image, (str, os.PathLike)):
+        raise ImageError(f"an image is a numpy array or a path, not {type(image).__name__}")
+    path = os.fspath(image)
+    try:
+        data = np.fromfile(path, np.uint8)
+    except OSError as error:
+        raise ImageError(f"{path}: {error.strerror or error}") from error
+    flags = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
+    try:
+        pixels = cv2.imdecode(data, flags) if data.size else None
+    except cv2.error as error:
+        raise ImageError(f"{path}: not a readable image: {error}") from error
+    if pixels is None:
+        raise ImageError(f"{path}: not an image that OpenCV can decode")
+    return np.asarray(pixels)
+
+
+def to_pixels(image: npt.NDArray[Any], spec: InputSpec) -> Array:
+    """float32 pixels in the graph's range and colour order.
+
+    Parameters
+    ----------
+    image : (H, W), (H, W, 1), (H, W, 3) or (H, W, 4) array
+        BGR as OpenCV reads it (a fourth channel is dropped); bool, uint8 and uint16 over their full range,
+        floats in [0, 1].
+
+    Returns
+    -------
+    (H, W, C) float32 in [0, spec.value_range], C = spec.channels
+
+    Raises
+    ------
+    ImageError
+        On another dtype or shape, an image below the model's smallest size, NaN or infinite pixels, or floats
+        outside [0, 1].
+    """
+    if image.ndim == 3 and image.shape[2] == 1:
+        image = image[:, :, 0]
+    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)):
+        raise ImageError(f"an image has shape (H, W), (H, W, 3) or (H, W, 4), not {image.shape}")
+    if image.dtype == np.bool_:
+        image = image.astype(np.uint8) * np.uint8(255)
+    if image.dtype not in (np.uint8, np.uint16) and image.dtype.kind != "f":
+        raise ImageError(f"an image is uint8, uint16 or float in [0, 1], not {image.dtype}")
+    if 0 in image.shape[:2]:
+        raise ImageError(f"the image is empty: shape {image.shape}")
+    if image.ndim == 3 and image.shape[2] == 4:
+        image = image[:, :, :3]
+    if image.dtype.kind == "f":
+        low, high = float(image.min()), float(image.max())
+        if not (np.isfinite(low) and np.isfinite(high)):
+            raise ImageError("the image has NaN or infinite pixels")
+        if low < 0.0 or high > 1.0:
+            raise ImageError(
+                f"float images are in [0, 1], this one is in [{low:g}, {high:g}]; "
+                "convert it, or pass 8 or 16 bits as uint8 or uint16"
+            )
+        full = 1.0
+    else:
+        full = float(np.iinfo(image.dtype).max)
+    pixels = np.ascontiguousarray(image).astype(np.float32)
+    if full != spec.value_range:
+        pixels *= np.float32(spec.value_range / full)
+    if spec.color == "gray":
+        if pixels.ndim == 3:
+            pixels = cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
+        return np.asarray(pixels, np.float32)[:, :, None]
+    if pixels.ndim == 2:
+        pixels = cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR)
+    elif spec.color == "rgb":
+        pixels = np.ascontiguousarray(pixels[:, :, ::-1])
+    return np.asarray(pixels, np.float32)
+
+
+def resized(pixels: Array, scale: float) -> Array:
+    """`pixels` at the working scale: (H, W, C) -> (round(H s), round(W s), C).  Area average when shrinking."""
+    if scale == 1.0:
+        return pixels
+    height, width = pixels.shape[:2]
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    if size == (width, height):
+        return pixels
+    method = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
+    out = np.asarray(cv2.resize(pixels, size, interpolation=method), np.float32)
+    return out[:, :, None] if out.ndim == 2 else out
+
+
+def is_flat(pixels: Array) -> bool:
+    """True where all pixels of all channels are the same: such an image has no saliency to speak of."""
+    return bool((pixels == pixels.flat[0]).all())
+
+
+def to_mask(mask: Any, size: tuple[int, int], working: tuple[int, int]) -> npt.NDArray[np.bool_]:
+    """A user's mask at the working size; non-zero = keypoints allowed.
+
+    Parameters
+    ----------
+    mask : (H, W) bool or integer array, of the source image's `size`
+
+    Raises
+    ------
+    ImageError
+        If it is of another shape or dtype.
+    """
+    array = np.asarray(mask)
+    if array.ndim == 3 and array.shape[2] == 1:
+        array = array[:, :, 0]
+    if array.shape != size:
+        raise ImageError(f"the mask has shape {array.shape}, the image {size}")
+    if array.dtype != np.bool_ and array.dtype.kind not in "ui":
+        raise ImageError(f"a mask is bool or integer (non-zero = keypoints allowed), not {array.dtype}")
+    allowed = (array != 0).astype(np.uint8)
+    if size != working:
+        allowed = cv2.resize(allowed, working[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
+    return np.asarray(allowed) != 0

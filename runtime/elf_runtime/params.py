@@ -1,0 +1,143 @@
+"""Detection settings, and the presets that name the useful ones.
+
+Blurs are ``(mu, sigma)``: a ``mu x mu`` Gaussian window (mu odd) of standard deviation sigma, as in the
+paper's tables.  All lengths are in pixels of the working image: the source image times `scale`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
+
+from .errors import SettingError
+
+Blur = tuple[int, float]
+
+
+@dataclass(frozen=True)
+class DetectionParams:
+    """Settings of threshold, denoising and non-maximum suppression.
+
+    Attributes
+    ----------
+    denoise, threshold_blur : (mu, sigma)
+        Gaussian blur of the saliency before the maxima are sought, and before the threshold is chosen.
+        ``mu = 1`` is no blur.
+    threshold : "kapur", "none" or float
+        Kapur's maximum-entropy level, no threshold, or a fixed level as a fraction of the normalised saliency.
+    nms_radius : int
+        A keypoint suppresses all weaker ones in the square window of ``2 * nms_radius + 1`` pixels around it.
+    border : int
+        Pixels along each edge where no keypoint is taken.
+    max_keypoints : int
+        The strongest that many are kept.
+    scale : float
+        Working scale: the image is resized by it before the network sees it (0.5 = half width and height).
+    quantize : bool
+        Round the normalised saliency to 8 bits before the blurs, as the paper does.
+    normalize : float
+        The saliency is divided by this quantile of itself and clipped to 1 (1.0 = by its maximum, as the paper
+        does; 0.99 keeps one outlier from squashing the histogram that the threshold is chosen from).
+    """
+
+    denoise: Blur = (5, 5.0)
+    threshold_blur: Blur = (5, 4.0)
+    threshold: str | float = "kapur"
+    nms_radius: int = 10
+    border: int = 10
+    max_keypoints: int = 500
+    scale: float = 1.0
+    quantize: bool = False
+    normalize: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("denoise", "threshold_blur"):
+            blur = getattr(self, name)
+            ok = isinstance(blur, (tuple, list)) and len(blur) == 2 and _is_int(blur[0]) and _is_number(blur[1])
+            if not ok or blur[0] < 1 or blur[0] % 2 == 0 or not 0 < blur[1] < float("inf"):
+                raise SettingError(f"{name} is (mu, sigma) with mu odd and >= 1 and sigma > 0, not {blur!r}")
+            object.__setattr__(self, name, (int(blur[0]), float(blur[1])))
+        if isinstance(self.threshold, str):
+            if self.threshold not in ("kapur", "none"):
+                raise SettingError(f"threshold is 'kapur', 'none' or a number in [0, 1], not {self.threshold!r}")
+        elif not _is_number(self.threshold) or not 0.0 <= self.threshold <= 1.0:
+            raise SettingError(f"threshold is 'kapur', 'none' or a number in [0, 1], not {self.threshold!r}")
+        for name, least in (("nms_radius", 0), ("border", 0), ("max_keypoints", 0)):
+            value = getattr(self, name)
+            if not _is_int(value) or value < least:
+                raise SettingError(f"{name} is an integer >= {least}, not {value!r}")
+        if not _is_number(self.scale) or not 0.0 < self.scale <= 8.0:
+            raise SettingError(f"scale is a number in (0, 8], not {self.scale!r}")
+        if not _is_number(self.normalize) or not 0.0 < self.normalize <= 1.0:
+            raise SettingError(f"normalize is a quantile in (0, 1], not {self.normalize!r}")
+        if not isinstance(self.quantize, bool):
+            raise SettingError(f"quantize is True or False, not {self.quantize!r}")
+
+    def updated(self, **changes: Any) -> DetectionParams:
+        """A copy with the settings that are not None replaced.
+
+        Raises
+        ------
+        SettingError
+            On an unknown name or a value out of range.
+        """
+        known = {f.name for f in fields(self)}
+        for name in changes:
+            if name not in known:
+                raise SettingError(f"unknown detection setting {name!r}; known are {sorted(known)}")
+        return replace(self, **{name: value for name, value in changes.items() if value is not None})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> DetectionParams:
+        """Inverse of `to_dict`; an unknown key is an error."""
+        return cls().updated(**data)
+
+
+def _is_int(value: object) -> bool:
+    return hasattr(value, "__index__") and not isinstance(value, bool)
+
+
+def _is_number(value: object) -> bool:
+    return _is_int(value) or isinstance(value, float) or (hasattr(value, "__float__") and hasattr(value, "dtype"))
+
+
+_PAPER = DetectionParams(quantize=True)
+
+# The paper's table of (denoise, threshold) blurs; a network that is not in it gets VGG's.
+_PAPER_BY_NETWORK: dict[str, DetectionParams] = {
+    "xception": replace(_PAPER, denoise=(9, 3.0)),
+    "superpoint": replace(_PAPER, denoise=(7, 2.0), threshold_blur=(17, 6.0)),
+    "sobel": replace(_PAPER, denoise=(9, 9.0)),
+    "laplacian": replace(_PAPER, denoise=(9, 9.0)),
+}
+
+PRESETS: tuple[str, ...] = ("paper", "paper-webcam", "paper-robust", "paper-components")
+
+
+def preset(name: str, network: str = "vgg") -> DetectionParams:
+    """The named settings: the paper's for `network`, at full resolution, with its 8-bit saliency.
+
+    ``paper`` is the generic setting (HPatches), ``paper-webcam`` the one of the Webcam runs, ``paper-robust``
+    that of the rotation, scale and 3D-viewpoint runs, ``paper-components`` that of the runs where a detector
+    or a descriptor is compared alone.
+
+    Raises
+    ------
+    SettingError
+        If there is no such preset.
+    """
+    params = _PAPER_BY_NETWORK.get(network, _PAPER)
+    if name == "paper":
+        return params
+    if name == "paper-webcam":
+        return replace(params, denoise=(9, 9.0)) if network == "xception" else params
+    if name == "paper-robust":
+        return replace(_PAPER, denoise=(5, 2.0), threshold_blur=(17, 6.0))
+    if name == "paper-components":
+        return replace(params, threshold_blur=(5, 5.0))
+    raise SettingError(f"unknown preset {name!r}; known are {list(PRESETS)}")

@@ -1,0 +1,157 @@
+"""Opening an .onnx file with ONNX Runtime: provider choice, threads, memory habits, and clear errors."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import onnxruntime as ort
+
+from .errors import ModelError, ProviderError
+
+Provider = str | tuple[str, Mapping[str, Any]]
+
+BUNDLED_MODEL = "elf-vgg.onnx"
+_SHORT_NAMES = {
+    "cpu": "CPUExecutionProvider",
+    "cuda": "CUDAExecutionProvider",
+    "tensorrt": "TensorrtExecutionProvider",
+    "openvino": "OpenVINOExecutionProvider",
+    "coreml": "CoreMLExecutionProvider",
+    "directml": "DmlExecutionProvider",
+    "xnnpack": "XnnpackExecutionProvider",
+    "rocm": "ROCMExecutionProvider",
+    "migraphx": "MIGraphXExecutionProvider",
+    "qnn": "QNNExecutionProvider",
+    "webgpu": "WebGpuExecutionProvider",
+}
+
+
+def bundled_model() -> Path:
+    """Path of the model that comes with the package."""
+    return Path(str(resources.files(__package__) / "models" / BUNDLED_MODEL))
+
+
+def resolve_providers(wanted: Provider | Sequence[Provider] | None, fallback: bool) -> list[Provider]:
+    """Full provider names, in order, each one known and installed.
+
+    Parameters
+    ----------
+    wanted : str, (str, options) or a sequence of them, optional
+        Short ("cuda") or full ("CUDAExecutionProvider") names, in order of preference.  None is the CPU.
+    fallback : bool
+        Leave out, with a RuntimeWarning, what is not installed, and run on the CPU where nothing is left.
+
+    Raises
+    ------
+    ProviderError
+        If a name is unknown to ONNX Runtime, or, without `fallback`, not in the installed build.
+    """
+    if wanted is None:
+        return ["CPUExecutionProvider"]
+    is_single = isinstance(wanted, str) or (
+        isinstance(wanted, tuple) and len(wanted) == 2 and isinstance(wanted[1], Mapping)
+    )
+    entries: Sequence[Any] = [wanted] if is_single else list(wanted)
+    if not entries:
+        raise ProviderError("the list of providers is empty; leave it out to run on the CPU")
+    available, known = ort.get_available_providers(), ort.get_all_providers()
+    chosen: list[Provider] = []
+    for entry in entries:
+        name, options = (entry, None) if isinstance(entry, str) else (entry[0], dict(entry[1]))
+        full = _SHORT_NAMES.get(str(name).lower(), str(name))
+        if full not in known and full not in available:
+            raise ProviderError(f"unknown provider {name!r}; installed are {available}")
+        if full not in available:
+            text = f"{full} is not in the installed onnxruntime {ort.__version__}, which has {available}"
+            if not fallback:
+                raise ProviderError(f"{text}. Install the build that has it, or ask for fallback=True")
+            warnings.warn(text, RuntimeWarning, stacklevel=4)
+            continue
+        chosen.append(full if options is None else (full, options))
+    return chosen or ["CPUExecutionProvider"]
+
+
+def open_session(
+    model: str | os.PathLike[str] | bytes,
+    providers: Provider | Sequence[Provider] | None = None,
+    threads: int | None = None,
+    spin: bool = False,
+    fallback: bool = False,
+    profile: str | None = None,
+) -> tuple[ort.InferenceSession, str]:
+    """Open a model.
+
+    Parameters
+    ----------
+    threads : int, optional
+        Threads within an operator; None is one per physical core.
+    spin : bool
+        Let idle threads spin: a few per cent faster, and a core each burnt between calls.
+    profile : str, optional
+        File prefix for ONNX Runtime's profile.
+
+    Returns
+    -------
+    session, name : the session, and how error messages call the model
+
+    Raises
+    ------
+    ModelError
+        If the file is missing, empty, or not a valid ONNX model.
+    ProviderError
+        As `resolve_providers`; also if a provider is installed but does not start, unless `fallback`.
+    """
+    if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
+        raise ProviderError(f"threads is an integer >= 1, not {threads!r}")
+    chosen = resolve_providers(providers, fallback)
+    options = ort.SessionOptions()
+    options.log_severity_level = 3
+    if threads is not None:
+        options.intra_op_num_threads = threads
+    options.add_session_config_entry("session.intra_op.allow_spinning", "1" if spin else "0")
+    options.enable_mem_pattern = False  # its plans are kept for every image size ever seen
+    if profile is not None:
+        options.enable_profiling = True
+        options.profile_file_prefix = profile
+    source, name = _checked(model)
+    try:
+        session = ort.InferenceSession(source, options, providers=chosen)
+    except Exception as error:  # onnxruntime's own exceptions share no base of theirs
+        reason = str(error).strip().splitlines()[0][:300]
+        if chosen == ["CPUExecutionProvider"]:
+            raise ModelError(f"{name}: onnxruntime {ort.__version__} can't load it: {reason}") from error
+        raise ProviderError(f"{name}: {_names(chosen)} can't load it: {reason}") from error
+    first, active = _names(chosen)[0], session.get_providers()
+    if first not in active:
+        text = f"{first} is installed but did not start (see onnxruntime's log); active are {active}"
+        if not fallback:
+            raise ProviderError(text)
+        warnings.warn(text, RuntimeWarning, stacklevel=3)
+    return session, name
+
+
+def _names(providers: Sequence[Provider]) -> list[str]:
+    return [p if isinstance(p, str) else p[0] for p in providers]
+
+
+def _checked(model: str | os.PathLike[str] | bytes) -> tuple[str | bytes, str]:
+    """The model as onnxruntime takes it and its name, after the checks that give the better message."""
+    if isinstance(model, bytes):
+        if not model:
+            raise ModelError("the model is empty (0 bytes)")
+        return model, "<model bytes>"
+    if not isinstance(model, (str, os.PathLike)):
+        raise ModelError(f"a model is a path or bytes, not {type(model).__name__}")
+    path = Path(model)
+    if not path.exists():
+        raise ModelError(f"{path}: no such file")
+    if not path.is_file():
+        raise ModelError(f"{path}: not a file")
+    if path.stat().st_size == 0:
+        raise ModelError(f"{path}: the file is empty (0 bytes)")
+    return str(path), str(path)

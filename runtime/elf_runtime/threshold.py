@@ -1,0 +1,115 @@
+"""From a saliency map to scores and a mask: normalisation, blurs, and Kapur's threshold."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from .params import Blur, DetectionParams
+
+Array = npt.NDArray[np.float32]
+
+
+def kapur(histogram: npt.NDArray[np.integer] | npt.NDArray[np.floating]) -> int:
+    """Kapur's maximum-entropy threshold of a histogram.
+
+    Kapur, Sahoo, Wong, "A new method for gray-level picture thresholding using the entropy of the histogram",
+    CVGIP 1985.  With p the normalised histogram and P_t = p_0 + ... + p_t, the level t maximises
+
+        H(t) = H(p_0..p_t / P_t) + H(p_{t+1}..p_{L-1} / (1 - P_t))
+             = ln P_t + h_t / P_t  +  ln (1 - P_t) + (h_{L-1} - h_t) / (1 - P_t),   h_t = -sum_{i<=t} p_i ln p_i
+
+    Parameters
+    ----------
+    histogram : (L,) counts
+
+    Returns
+    -------
+    int
+        t in [0, L-2]: bins <= t are background, bins > t are foreground.  The first maximiser on ties.
+        -1 where no level leaves both classes non-empty (fewer than two occupied bins).
+    """
+    counts = np.asarray(histogram, np.float64)
+    if np.count_nonzero(counts) < 2:
+        return -1
+    p = counts / counts.sum()
+    entropy = -p * np.log(p, out=np.zeros_like(p), where=p > 0)
+    below, h = np.cumsum(p)[:-1], np.cumsum(entropy)[:-1]
+    # The classes' masses, each from its own end: 1 - cumsum would leave rounding dust in an empty class.
+    above, h_above = np.cumsum(p[::-1])[::-1][1:], np.cumsum(entropy[::-1])[::-1][1:]
+    valid = (below > 0) & (above > 0)
+    total = np.full(below.shape, -np.inf)
+    b, a = below[valid], above[valid]
+    total[valid] = np.log(b) + h[valid] / b + np.log(a) + h_above[valid] / a
+    return int(np.argmax(total))
+
+
+def gaussian(image: Array, blur: Blur) -> Array:
+    """``mu x mu`` Gaussian blur of standard deviation sigma, mirrored at the border (OpenCV's default)."""
+    size, sigma = blur
+    if size == 1:
+        return image
+    return np.asarray(cv2.GaussianBlur(image, (size, size), sigma))
+
+
+def normalized(saliency: Array, params: DetectionParams) -> Array:
+    """`saliency` scaled to [0, 255] by its maximum or a quantile, rounded to 8 bits where `params` ask for it.
+
+    Parameters
+    ----------
+    saliency : (H, W) float32, >= 0
+
+    Returns
+    -------
+    (H, W) float32 in [0, 255]; uint8 where ``params.quantize``.  All zero for an all-zero map.
+    """
+    top = float(saliency.max(initial=0.0))
+    if params.normalize < 1.0 and top > 0.0:
+        top = quantile(saliency, params.normalize, top)
+    if not top > 0.0:
+        return np.zeros(saliency.shape, np.uint8 if params.quantize else np.float32)  # type: ignore[return-value]
+    scaled = saliency * np.float32(255.0 / top)
+    if params.normalize < 1.0:
+        np.minimum(scaled, 255.0, out=scaled)
+    if params.quantize:
+        return scaled.astype(np.uint8)  # type: ignore[return-value]
+    return scaled
+
+
+def quantile(values: Array, q: float, top: float, bins: int = 4096) -> float:
+    """Upper edge of the histogram bin that holds quantile `q` of `values` in [0, top]: linear in pixels."""
+    counts = np.bincount((values.ravel() * np.float32((bins - 1) / top)).astype(np.int32), minlength=bins)
+    index = int(np.searchsorted(np.cumsum(counts), q * values.size))
+    return top * min(index + 1, bins - 1) / (bins - 1)
+
+
+def scores_and_mask(saliency: Array, params: DetectionParams) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Denoised scores, and the pixels that pass the threshold.
+
+    The saliency is normalised; one blur of it (`denoise`) gives the scores, the other (`threshold_blur`) is
+    compared with the level: Kapur's over its 256-bin histogram, or a fixed fraction of the range.
+
+    Parameters
+    ----------
+    saliency : (H, W) float32, >= 0
+
+    Returns
+    -------
+    scores : (H, W) float32 in [0, 255]
+    mask : (H, W) bool
+    """
+    level_map = normalized(saliency, params)
+    scores = gaussian(level_map, params.denoise)
+    if params.threshold == "none":
+        return scores.astype(np.float32, copy=False), scores > 0
+    smooth = gaussian(level_map, params.threshold_blur)
+    if params.threshold == "kapur":
+        # A float map has the same 256 bins as an 8-bit one: [i, i+1), the last one closed.
+        binned = smooth.astype(np.uint8, copy=False)
+        counts = np.bincount(binned.ravel(), minlength=256)
+        mask = binned > kapur(counts)
+    else:
+        mask = smooth > 255.0 * float(params.threshold)
+    # Under a level of -1 (one occupied bin) everything passes; a zero score is still no keypoint.
+    return scores.astype(np.float32, copy=False), mask & (scores > 0)
