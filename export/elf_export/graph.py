@@ -45,7 +45,8 @@ class Graph:
 
     @property
     def nodes(self) -> Sequence[onnx.NodeProto]:
-        return self.model.graph.node
+        nodes: Sequence[onnx.NodeProto] = self.model.graph.node
+        return nodes
 
     def producers(self) -> dict[str, onnx.NodeProto]:
         """Value name -> the node that makes it."""
@@ -96,9 +97,9 @@ class Graph:
     def elem_type(self, name: str) -> int:
         """onnx.TensorProto.DataType of a value; FLOAT where inference does not tell."""
         if name in self._constants:
-            return self._constants[name].data_type
+            return int(self._constants[name].data_type)
         kind = self._types.get(name)
-        return kind.elem_type if kind is not None and kind.elem_type else onnx.TensorProto.FLOAT
+        return int(kind.elem_type) if kind is not None and kind.elem_type else int(onnx.TensorProto.FLOAT)
 
     def dtype(self, name: str) -> np.dtype[Any]:
         return np.dtype(helper.tensor_dtype_to_np_dtype(self.elem_type(name)))
@@ -131,7 +132,7 @@ class Graph:
         self.model.graph.node.append(helper.make_node(op_type, list(inputs), outs, name=name, **given))
         return outs[0]
 
-    def const(self, value: npt.ArrayLike, name: str, dtype: npt.DTypeLike = None) -> str:
+    def const(self, value: npt.ArrayLike, name: str, dtype: npt.DTypeLike | None = None) -> str:
         """Append an initializer and return its name."""
         name = self.unique(name)
         array = np.ascontiguousarray(np.asarray(value, dtype)).reshape(np.shape(value))
@@ -143,6 +144,15 @@ class Graph:
 
     def int64s(self, values: Iterable[int], name: str) -> str:
         return self.const(np.array(list(values), np.int64), name)
+
+
+def reduce_mean(graph: Graph, x: str, axis: int, name: str, keepdims: int, output: str | None = None) -> str:
+    """Append ReduceMean over one axis, in the form of the graph's opset (axes are an input from 18 on)."""
+    outputs: int | list[str] = 1 if output is None else [output]
+    if graph.opset >= 18:
+        axes = graph.int64s([axis], f"{name}_axes")
+        return graph.op("ReduceMean", x, axes, name=name, outputs=outputs, keepdims=keepdims)
+    return graph.op("ReduceMean", x, name=name, outputs=outputs, axes=[axis], keepdims=keepdims)
 
 
 def attributes(node: onnx.NodeProto) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from onnx import TensorProto, helper
 
 from .adjoint import build_adjoint
 from .errors import LayerError
-from .graph import Graph
+from .graph import Graph, reduce_mean
 from .passes import cut, fold_batchnorm
 from .preprocessing import Preprocessing, prepend
 
@@ -64,11 +64,7 @@ def build_saliency(
 
     gradient = build_adjoint(graph, layer, image)
     magnitude = graph.op("Abs", gradient, name="saliency/abs")
-    if graph.opset >= 18:
-        axes = graph.int64s([1], "saliency/axes")
-        graph.op("ReduceMean", magnitude, axes, name="saliency/mean", outputs=[SALIENCY], keepdims=0)
-    else:
-        graph.op("ReduceMean", magnitude, name="saliency/mean", outputs=[SALIENCY], axes=[1], keepdims=0)
+    reduce_mean(graph, magnitude, 1, "saliency/mean", keepdims=0, output=SALIENCY)
     outputs = [helper.make_tensor_value_info(SALIENCY, TensorProto.FLOAT, ["N", "H", "W"])]
     for name in descriptors:
         dims = graph.shape(name) or [None] * 4
@@ -102,7 +98,7 @@ def only_image_input(graph: Graph) -> str:
     if len(found) != 1:
         names = [v.name for v in graph.model.graph.input]
         raise LayerError(f"which input is the image? The model takes {names}; name it")
-    return found[0]
+    return str(found[0])
 
 
 def stamp(model: onnx.ModelProto, metadata: Mapping[str, str]) -> None:
