@@ -69,7 +69,9 @@ def prepend(graph: Graph, target: str, settings: Preprocessing, name: str = "ima
         return x
 
     if settings.standardize:
-        centred = graph.op("Sub", name, mean_of(name, "mean"), name="pre/centred")
+        # The mean of what is left corrects the first one's rounding, which shifts all of the image.
+        rough = graph.op("Sub", name, mean_of(name, "rough_mean"), name="pre/roughly_centred")
+        centred = graph.op("Sub", rough, mean_of(rough, "rest_mean"), name="pre/centred")
         variance = mean_of(graph.op("Mul", centred, centred, name="pre/squared"), "variance")
         std = graph.op("Sqrt", variance, name="pre/std")
         safe = graph.op("Max", std, graph.const(LEAST_STD, "pre/least_std", np.float32), name="pre/safe_std")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from elf_runtime import DetectionParams
 
 from ..errors import ExportError, LayerError
 from ..preprocessing import Preprocessing
+from ..weights.sources import Download, Wheel
 
 if TYPE_CHECKING:
     import torch
@@ -41,7 +42,12 @@ class Network:
         `layers`, in that order; x is (N, C, H, W) float, already preprocessed.
     tensor_shapes : function
         ``tensor_shapes(layers)``: the tensors that these layers need, name -> shape.
-    weights : name of the module in `elf_export.weights.sources` tables
+    fit : function
+        ``fit(tensors, shapes)`` makes the tensors of any file fit `tensor_shapes`: names, layout, colour order.
+    known : mapping
+        Layer -> fingerprint of its tensors in the weights that `source_title` names.
+    sources : sequence of Download or Wheel
+        Where these weights can be had, in order of preference.
     """
 
     name: str
@@ -51,6 +57,11 @@ class Network:
     default_descriptors: Sequence[str]
     build: Callable[[Tensors, Sequence[str]], torch.nn.Module]
     tensor_shapes: Callable[[Sequence[str]], dict[str, tuple[int, ...]]]
+    fit: Callable[[Mapping[str, npt.NDArray[Any]], Mapping[str, tuple[int, ...]]], dict[str, npt.NDArray[np.float32]]]
+    source_title: str
+    licence: str
+    known: Mapping[str, str] = field(default_factory=dict)
+    sources: Sequence[Download | Wheel] = ()
     preprocessing: Preprocessing = field(default_factory=Preprocessing)
     detection: DetectionParams = field(default_factory=DetectionParams)
 

@@ -1,0 +1,48 @@
+"""The saliency by torch.autograd: the reference that an exported network is held against."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from .preprocessing import LEAST_STD, Preprocessing
+
+if TYPE_CHECKING:
+    import torch
+
+    from .verify import Array, Reference
+
+
+def preprocess(pixels: npt.NDArray[np.floating], settings: Preprocessing) -> npt.NDArray[np.float64]:
+    """What the graph does to raw pixels, in float64 numpy: (N, H, W, C) -> (N, C, H, W)."""
+    x = np.asarray(pixels, np.float64)
+    if settings.standardize:
+        x = x - x.mean(axis=(1, 2, 3), keepdims=True)
+        x = x / np.maximum(np.sqrt((x * x).mean(axis=(1, 2, 3), keepdims=True)), LEAST_STD)
+    else:
+        x = (x * settings.scale - np.asarray(settings.mean)) / np.asarray(settings.std)
+    return np.ascontiguousarray(x.transpose(0, 3, 1, 2))
+
+
+def torch_saliency(module: torch.nn.Module, settings: Preprocessing, dtype: str = "float64") -> Reference:
+    """``f(pixels)``: |gradient of 1/2 ||F||^2 w.r.t. the preprocessed image|, averaged over its channels.
+
+    Parameters
+    ----------
+    module : torch.nn.Module
+        Its forward returns the maps of the wanted layers, F first.  It is converted to `dtype` in place.
+    """
+    import torch
+
+    kind = getattr(torch, dtype)
+    module = module.to(kind)
+
+    def saliency(pixels: Array) -> npt.NDArray[np.float64]:
+        x = torch.from_numpy(preprocess(pixels, settings)).to(kind).requires_grad_(True)
+        f = module(x)[0]
+        (gradient,) = torch.autograd.grad(f, x, f.detach())
+        return np.asarray(gradient.abs().mean(1).double().numpy())
+
+    return saliency

@@ -1,0 +1,140 @@
+"""Is the exported graph the saliency?  Held against an independent reference, at pixel and keypoint level."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import onnx
+
+from elf_runtime import DetectionParams
+from elf_runtime.nms import greedy_nms
+from elf_runtime.session import open_session
+from elf_runtime.threshold import scores_and_mask
+
+from .errors import VerificationError
+from .saliency import SALIENCY
+
+Array = npt.NDArray[np.float32]
+Array64 = npt.NDArray[np.float64]
+
+Reference = Callable[[Array], Array64]
+"""(N, H, W, C) float32 raw pixels -> (N, H, W) float64 saliency."""
+
+# At a small share of pixels a ReLU or a pooling window switches between float32 and float64, and S differs
+# there; everywhere else it agrees to float32's rounding.  torch's own float32 switches as often.
+ROUNDING = 1e-4  # of max S
+SHARE = 1e-2  # of the pixels may differ by more: one switch at pool2 touches 16x16, 0.33 % of a 320x240 image
+SWITCHED = 2e-2  # of max S, at those pixels
+KEYPOINTS = 0.99  # of the keypoints are identical
+
+
+@dataclass(frozen=True)
+class Check:
+    """Agreement on one image; errors are fractions of the reference's maximum."""
+
+    image: str
+    size: str
+    largest: float
+    share: float
+    keypoints: int
+    agreeing: float
+
+    @property
+    def passed(self) -> bool:
+        return self.largest <= SWITCHED and self.share <= SHARE and self.agreeing >= KEYPOINTS
+
+
+def verify(model: onnx.ModelProto, reference: Reference, channels: int, params: DetectionParams) -> list[Check]:
+    """Compare the model in ONNX Runtime with `reference`: two images, two sizes (one odd), as a batch of two.
+
+    Returns
+    -------
+    list of Check
+        One per image and size.
+    """
+    session, _ = open_session(model.SerializeToString())
+    name = session.get_inputs()[0].name
+    checks = []
+    for height, width in ((240, 320), (241, 319)):
+        batch = np.stack([image for _, image in test_images(height, width, channels)])
+        found = session.run([SALIENCY], {name: batch})[0]
+        wanted = reference(batch)
+        labels = [label for label, _ in test_images(height, width, channels)]
+        for label, one, other in zip(labels, found, wanted, strict=True):
+            checks.append(_compare(label, one, other, params))
+    return checks
+
+
+def require(checks: Iterable[Check]) -> None:
+    """Raise VerificationError if a check did not pass."""
+    failed = [check for check in checks if not check.passed]
+    if failed:
+        raise VerificationError(
+            f"the graph disagrees with its reference on {len(failed)} image(s); allowed are {SHARE:.1%} of the "
+            f"pixels off by more than {ROUNDING:g} of max S, none by more than {SWITCHED:g}, and "
+            f"{KEYPOINTS:.0%} of the keypoints must be the same. No file was written."
+        )
+
+
+def table(checks: Sequence[Check]) -> str:
+    """The checks as a small text table."""
+    head = f"{'image':<10}{'size':>10}{'max error':>12}{'share off':>12}{'keypoints':>12}{'the same':>11}"
+    rows = [
+        f"{c.image:<10}{c.size:>10}{c.largest:>12.1e}{c.share:>12.3%}{c.keypoints:>12}{c.agreeing:>11.1%}"
+        for c in checks
+    ]
+    return "\n".join([head, *rows])
+
+
+def parity(checks: Sequence[Check]) -> dict[str, float]:
+    """The worst of the checks, for the contract."""
+    return {
+        "max_error": max(c.largest for c in checks),
+        "share_above_1e-4": max(c.share for c in checks),
+        "keypoint_agreement": min(c.agreeing for c in checks),
+    }
+
+
+def compare(found: Array, wanted: Array64) -> tuple[float, float]:
+    """(largest error, share of pixels off by more than 1e-4), as fractions of the reference's maximum."""
+    top = max(float(wanted.max()), np.finfo(np.float32).tiny)
+    error = np.abs(found.astype(np.float64) - wanted) / top
+    if not np.isfinite(error).all():
+        return float("inf"), 1.0
+    return float(error.max()), float((error > ROUNDING).mean())
+
+
+def keypoint_agreement(found: Array, wanted: Array64, params: DetectionParams) -> tuple[int, float]:
+    """(keypoints of the reference, share of them that `found` has at the same pixel)."""
+    mine, theirs = (_keypoints(s, params) for s in (found, wanted.astype(np.float32)))
+    most = max(len(mine), len(theirs))
+    return len(theirs), len(mine & theirs) / most if most else 1.0
+
+
+def _compare(label: str, found: Array, wanted: Array64, params: DetectionParams) -> Check:
+    largest, share = compare(found, wanted)
+    count, agreeing = keypoint_agreement(found, wanted, params)
+    return Check(label, f"{found.shape[1]}x{found.shape[0]}", largest, share, count, agreeing)
+
+
+def _keypoints(saliency: Array, params: DetectionParams) -> set[tuple[int, int]]:
+    scores, mask = scores_and_mask(saliency, params)
+    points, _ = greedy_nms(scores, mask, params.nms_radius, params.max_keypoints)
+    return {(int(x), int(y)) for x, y in points}
+
+
+def test_images(height: int, width: int, channels: int) -> list[tuple[str, Array]]:
+    """A cartoon (flat areas, edges, corners, exact ties) and noise, (H, W, C) float32 in 0..255."""
+    rng = np.random.default_rng(7)
+    y, x = np.mgrid[:height, :width]
+    cartoon = np.empty((height, width, channels), np.float32)
+    cartoon[:] = 90 + 60 * np.sin(x / 37)[..., None] * np.cos(y / 23)[..., None]
+    for _ in range(60):
+        top, left = rng.integers(0, height - 8), rng.integers(0, width - 8)
+        h, w = rng.integers(6, height // 4), rng.integers(6, width // 4)
+        cartoon[top : top + h, left : left + w] = rng.integers(0, 256, channels)
+    noise = rng.integers(0, 256, (height, width, channels))
+    return [("cartoon", np.floor(cartoon)), ("noise", noise.astype(np.float32))]

