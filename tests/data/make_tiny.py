@@ -1,9 +1,9 @@
-"""Writes tiny.onnx: an ELF model of two convolutions with seeded random weights, for tests that need no real one.
+"""Writes tiny.onnx: an ELF model of two convolutions with seeded random weights, for tests.
 
     conv1 (3x3, 3 -> 8) - relu1 - pool1 (2x2 max) - conv2 (3x3, 8 -> 8) - relu2
 
-The saliency is that of ``pool1``; ``relu2`` (the default) and ``pool1`` are its descriptors.  Needs the export
-half; run it from the project's root:
+The saliency is that of ``pool1``; ``relu2`` (the default) and ``pool1`` are its descriptors.  Needs the
+export half; run it from the project's root:
 
     PYTHONPATH=export:runtime python tests/data/make_tiny.py
 """
@@ -31,7 +31,7 @@ def network() -> onnx.ModelProto:
     tensors = []
     for name, inputs in (("conv1", 3), ("conv2", CHANNELS)):
         kernel = rng.standard_normal((CHANNELS, inputs, 3, 3)) / np.sqrt(9 * inputs)
-        # Without their means the kernels answer to edges and corners and not to brightness, as trained ones do.
+        # Without their means the kernels answer to edges and corners, not to brightness, as trained ones do.
         kernel -= kernel.mean(axis=(2, 3), keepdims=True)
         tensors.append(numpy_helper.from_array(kernel.astype(np.float32), f"{name}.weight"))
         bias = 0.1 * rng.standard_normal(CHANNELS)
@@ -64,7 +64,7 @@ def tiny() -> onnx.ModelProto:
         layer="pool1",
         stride=2.0,
         descriptors=tuple(
-            DescriptorSpec(descriptor_output(layer), layer, CHANNELS, 2.0, 0.5) for layer in ("relu2", "pool1")
+            DescriptorSpec(descriptor_output(name), name, CHANNELS, 2.0, 0.5) for name in ("relu2", "pool1")
         ),
         preprocessing=preprocessing.describe(),
         weights=WeightsSpec(source=f"random, seed {SEED}", licence="BSD-3-Clause"),
