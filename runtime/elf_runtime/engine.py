@@ -22,7 +22,7 @@ from .image import Array, ImageLike
 from .nms import greedy_nms
 from .params import DetectionParams, preset
 from .session import Provider, bundled_model, open_session
-from .threshold import scores_and_mask
+from .threshold import blurred, passing
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Trace:
     mask : (h, w) bool
         What passed the threshold (and the user's mask).
     seconds : dict
-        Time of each stage: read, prepare, session, threshold, nms, descriptors.
+        Time of each stage: read, prepare, session, blur, threshold, nms, descriptors.
     """
 
     features: Features
@@ -349,8 +349,10 @@ class ElfRuntime:
                 work.size, params.nms_radius,
             )  # fmt: skip
             return Trace(nothing, zero, zero, np.zeros(zero.shape, np.bool_), watch.seconds)
+        with watch("blur"):
+            scores, smooth = blurred(saliency, params)
         with watch("threshold"):
-            scores, mask = scores_and_mask(saliency, params)
+            mask = passing(scores, smooth, params)
             if work.allowed is not None:
                 mask &= work.allowed
         with watch("nms"):

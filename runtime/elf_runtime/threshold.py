@@ -85,10 +85,7 @@ def quantile(values: Array, q: float, top: float, bins: int = 4096) -> float:
 
 
 def scores_and_mask(saliency: Array, params: DetectionParams) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Denoised scores, and the pixels that pass the threshold.
-
-    The saliency is normalised; one blur of it (`denoise`) gives the scores, the other (`threshold_blur`) is
-    compared with the level: Kapur's over its 256-bin histogram, or a fixed fraction of the range.
+    """Denoised scores, and the pixels that pass the threshold: `blurred`, then `passing`.
 
     Parameters
     ----------
@@ -99,11 +96,36 @@ def scores_and_mask(saliency: Array, params: DetectionParams) -> tuple[Array, np
     scores : (H, W) float32 in [0, 255]
     mask : (H, W) bool
     """
+    scores, smooth = blurred(saliency, params)
+    return scores, passing(scores, smooth, params)
+
+
+def blurred(saliency: Array, params: DetectionParams) -> tuple[Array, Array]:
+    """The two blurs of the normalised saliency.
+
+    Returns
+    -------
+    scores : (H, W) float32 in [0, 255]
+        Blurred by `denoise`: its maxima are the keypoints.
+    smooth : (H, W) float32 in [0, 255]; uint8 where ``params.quantize``
+        Blurred by `threshold_blur`: the level is chosen from it.  `scores` where nothing is thresholded.
+    """
     level_map = normalized(saliency, params)
-    scores = gaussian(level_map, params.denoise)
+    scores = gaussian(level_map, params.denoise).astype(np.float32, copy=False)
     if params.threshold == "none":
-        return scores.astype(np.float32, copy=False), scores > 0
-    smooth = gaussian(level_map, params.threshold_blur)
+        return scores, scores
+    return scores, gaussian(level_map, params.threshold_blur)
+
+
+def passing(scores: Array, smooth: Array, params: DetectionParams) -> npt.NDArray[np.bool_]:
+    """The pixels of `blurred`'s maps that pass: above Kapur's level, or a fixed fraction of the range.
+
+    Returns
+    -------
+    (H, W) bool
+    """
+    if params.threshold == "none":
+        return scores > 0
     if params.threshold == "kapur":
         # A float map has the same 256 bins as an 8-bit one: [i, i+1), the last one closed.
         binned = smooth.astype(np.uint8, copy=False)
@@ -112,4 +134,4 @@ def scores_and_mask(saliency: Array, params: DetectionParams) -> tuple[Array, np
     else:
         mask = smooth > 255.0 * float(params.threshold)
     # Under a level of -1 (one occupied bin) everything passes; a zero score is still no keypoint.
-    return scores.astype(np.float32, copy=False), mask & (scores > 0)
+    return mask & (scores > 0)

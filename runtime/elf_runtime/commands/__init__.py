@@ -1,0 +1,1 @@
+"""The runtime's commands; one file each, and `_common` for what they share."""

@@ -1,0 +1,176 @@
+"""What the commands share: options, errors as one line, files that are whole or absent."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from elf_runtime.canvas import Picture
+from elf_runtime.engine import ElfRuntime
+from elf_runtime.errors import ElfError, SettingError
+from elf_runtime.params import PRESETS
+
+# What `cv2.imread` of every build decodes; a folder may hold other files too.
+IMAGE_SUFFIXES = frozenset(
+    (".bmp", ".jpeg", ".jpg", ".jp2", ".pbm", ".pgm", ".png", ".pnm", ".ppm", ".tif", ".tiff", ".webp")
+)
+FAILED, USAGE = 1, 2
+
+
+class UsageError(Exception):
+    """A command line that can't be carried out, whatever the files hold."""
+
+
+def new_parser(name: str, description: str, epilog: str = "") -> argparse.ArgumentParser:
+    return argparse.ArgumentParser(
+        prog=name,
+        description=description,
+        epilog=epilog,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def run(
+    parser: argparse.ArgumentParser, work: Callable[[argparse.Namespace], int], argv: Sequence[str] | None
+) -> int:
+    """Parse and work; an expected error is one line on stderr and a status: 2 for usage, else 1."""
+    args = parser.parse_args(argv)
+    try:
+        return work(args)
+    except (UsageError, SettingError) as error:
+        report(parser.prog, error)
+        return USAGE
+    except BrokenPipeError:  # the reader, `head` for example, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for the flush at exit
+        return FAILED
+    except (ElfError, OSError) as error:
+        report(parser.prog, error)
+        return FAILED
+    except KeyboardInterrupt:
+        return 130
+
+
+def report(command: str, error: object) -> None:
+    """One line ``command: error: ...`` on stderr."""
+    text = " ".join(str(error).split())
+    print(f"{command}: error: {text}", file=sys.stderr)
+
+
+def add_model_options(parser: argparse.ArgumentParser, model: bool = True) -> None:
+    group = parser.add_argument_group("model")
+    if model:
+        group.add_argument(
+            "--model", metavar="FILE", help="ELF model that elf-export wrote; default: the bundled one"
+        )
+    group.add_argument(
+        "--provider",
+        metavar="NAME",
+        help="ONNX Runtime execution provider: cpu (default), cuda, openvino, ...",
+    )
+    group.add_argument(
+        "--threads", type=positive, metavar="N", help="threads of the network; default: one per core"
+    )
+
+
+def add_detection_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group(
+        "detection",
+        "Lengths are in pixels of the source image. What is not given is the preset's, else the model's.",
+    )
+    group.add_argument("--max-keypoints", type=int, metavar="N", help="keep the N strongest keypoints")
+    group.add_argument(
+        "--threshold",
+        type=threshold,
+        metavar="T",
+        help="'kapur': maximum-entropy level of the blurred saliency; 'none'; or a fixed level in [0, 1]",
+    )
+    group.add_argument(
+        "--nms-radius",
+        type=int,
+        metavar="R",
+        help="a keypoint suppresses weaker ones up to R pixels away in x and y",
+    )
+    group.add_argument(
+        "--border", type=int, metavar="B", help="no keypoints within B pixels of the image's edges"
+    )
+    group.add_argument("--preset", choices=PRESETS, help="settings of the ELF paper's experiments")
+    group.add_argument(
+        "--scale", type=float, metavar="S", help="resize the image by S for the network (0.5 = half)"
+    )
+    group.add_argument(
+        "--descriptor", metavar="LAYER", help="which of the model's descriptors (see elf-info)"
+    )
+
+
+def settings(args: argparse.Namespace) -> dict[str, Any]:
+    """The detection options as `ElfRuntime.trace` takes them."""
+    names = ("max_keypoints", "threshold", "nms_radius", "border", "preset", "scale", "descriptor")
+    return {name: getattr(args, name) for name in names}
+
+
+def open_runtime(args: argparse.Namespace) -> ElfRuntime:
+    """The model of the options, with detection settings checked before the first image is read."""
+    elf = ElfRuntime(args.model, providers=args.provider, threads=args.threads)
+    if hasattr(args, "max_keypoints"):
+        given = settings(args)
+        elf.params(given.pop("preset"), **{k: v for k, v in given.items() if k != "descriptor"})
+        elf.contract.descriptor(args.descriptor)
+    return elf
+
+
+def positive(text: str) -> int:
+    """An argparse type: an integer of at least 1."""
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{value} is not at least 1")
+    return value
+
+
+def threshold(text: str) -> str | float:
+    """An argparse type: 'kapur', 'none' or a number."""
+    if text in ("kapur", "none"):
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not 'kapur', 'none' or a number") from None
+
+
+def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
+    """Let `write` fill a neighbour of `path`, then put it in place: `path` is whole or as it was."""
+    temporary = path.with_name(f".{path.stem}.part{path.suffix}")
+    try:
+        write(temporary)
+        os.replace(temporary, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+        raise
+
+
+def write_text(path: Path, text: str) -> None:
+    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+
+
+def write_picture(path: Path, picture: Picture) -> None:
+    """Write an image file; the ending says which kind.
+
+    Raises
+    ------
+    ElfError
+        If OpenCV knows no such kind.
+    """
+    try:
+        done, data = cv2.imencode(path.suffix, picture)
+    except cv2.error:
+        done = False
+    if not done:
+        raise ElfError(f"{path}: can't write an image with the ending {path.suffix!r}; use .png or .jpg")
+    write_atomically(path, lambda temporary: temporary.write_bytes(data.tobytes()))

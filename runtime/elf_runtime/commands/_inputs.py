@@ -1,0 +1,70 @@
+"""From what stands on a command line to image files, and to a name of its own for each one's output."""
+
+from __future__ import annotations
+
+import glob
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from ._common import IMAGE_SUFFIXES, UsageError
+
+
+def image_files(arguments: Sequence[str]) -> list[Path]:
+    """Files, the image files of folders (sorted, no subfolders), and what patterns match; each file once.
+
+    A file that is named stays in the list even if it does not exist: its error belongs to it alone.
+
+    Raises
+    ------
+    UsageError
+        If a folder or a pattern has no image.
+    """
+    found: list[Path] = []
+    for argument in arguments:
+        path = Path(argument)
+        if path.is_dir():
+            inside = sorted(p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and p.is_file())
+            if not inside:
+                raise UsageError(
+                    f"{argument}: no images in this folder ({', '.join(sorted(IMAGE_SUFFIXES))})"
+                )
+            found += inside
+        elif not path.exists() and glob.has_magic(argument):
+            # Where the shell has not expanded it: it was quoted, or the shell is Windows' own.
+            matches = sorted(Path(p) for p in glob.glob(argument, recursive=True))
+            if not matches:
+                raise UsageError(f"{argument}: no file matches")
+            found += [p for p in matches if p.is_file()]
+        else:
+            found.append(path)
+    return list({path.resolve(): path for path in reversed(found)}.values())[::-1]
+
+
+def output_names(paths: Sequence[Path]) -> list[str]:
+    """A name for each file's output: its stem, and as much more as tells it from the others.
+
+    ``a/1.png`` and ``b/1.png`` become ``a_1`` and ``b_1``; ``1.png`` and ``1.jpg`` of one folder become
+    ``1_png`` and ``1_jpg``.  Names that differ in case only count as equal, as some file systems have it.
+    """
+    tiers: list[Callable[[Path], str]] = [
+        lambda p: p.stem,
+        lambda p: f"{p.resolve().parent.name}_{p.stem}",
+        lambda p: f"{p.stem}_{p.suffix[1:]}",
+        lambda p: f"{p.resolve().parent.name}_{p.stem}_{p.suffix[1:]}",
+    ]
+    names: dict[int, str] = {}
+    for tier in tiers:
+        rest = {i: tier(path) for i, path in enumerate(paths) if i not in names}
+        counts = Counter(name.lower() for name in (*rest.values(), *names.values()))
+        names |= {i: name for i, name in rest.items() if counts[name.lower()] == 1}
+    taken = {name.lower() for name in names.values()}
+    for i, path in enumerate(paths):
+        number = 2
+        while i not in names:
+            name = f"{path.stem}_{number}"
+            if name.lower() not in taken:
+                names[i] = name
+                taken.add(name.lower())
+            number += 1
+    return [names[i] for i in range(len(paths))]

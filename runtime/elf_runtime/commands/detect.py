@@ -1,0 +1,146 @@
+"""elf-detect: keypoints and descriptors of images, as files and a picture."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from elf_runtime import image as images
+from elf_runtime.engine import ElfRuntime
+from elf_runtime.errors import ElfError
+from elf_runtime.render import detection_picture
+
+from . import _common
+from ._inputs import image_files, output_names
+
+DESCRIPTION = """\
+Detect ELF keypoints in images and describe them.
+
+For every image NAME.png, DIR gets
+  NAME.npz   keypoints (N, 2) as x, y in pixels, scores (N,), descriptors (N, D), image_size (height, width)
+  NAME.csv   x,y,score
+  NAME.png   a picture: keypoints, saliency and threshold side by side
+Pixel centres are at whole numbers, (0, 0) is the centre of the top left pixel, as in OpenCV."""
+
+EPILOG = """\
+examples:
+  elf-detect photo.jpg -o out/
+  elf-detect photos/ 'more/*.png' -o out/ --max-keypoints 1000 --scale 0.5
+  elf-detect photo.jpg -o out/ --preset paper --mask roi.png --json -
+
+exit status: 0 if every image was done, 1 if some could not be, 2 on a wrong command line"""
+
+
+def build_parser() -> argparse.ArgumentParser:
+    parser = _common.new_parser("elf-detect", DESCRIPTION, EPILOG)
+    parser.add_argument("images", nargs="+", metavar="IMAGE", help="image file, folder of images, or pattern")
+    parser.add_argument(
+        "-o", "--output", required=True, type=Path, metavar="DIR", help="made where it is missing"
+    )
+    parser.add_argument(
+        "--mask", metavar="FILE", help="image of the same size: keypoints only where it is not black"
+    )
+    parser.add_argument("--no-picture", action="store_true", help="write no NAME.png")
+    parser.add_argument("--json", metavar="FILE", help="write a summary of the run; - is standard output")
+    _common.add_detection_options(parser)
+    _common.add_model_options(parser)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    return _common.run(build_parser(), _work, argv)
+
+
+def _work(args: argparse.Namespace) -> int:
+    paths = image_files(args.images)
+    names = output_names(paths)
+    _refuse_to_overwrite(paths, names, args.output)
+    elf = _common.open_runtime(args)
+    mask = _read_mask(args.mask) if args.mask else None
+    args.output.mkdir(parents=True, exist_ok=True)
+    # The summary alone goes to standard output where it is asked for there.
+    progress = sys.stderr if args.json == "-" else sys.stdout
+    results = []
+    for path, name in zip(paths, names, strict=True):
+        try:
+            result = _detect(elf, path, args.output / name, mask, args)
+        except (ElfError, OSError) as error:
+            text = str(error)
+            _common.report("elf-detect", text if str(path) in text else f"{path}: {text}")
+            results.append({"image": str(path), "error": text})
+            continue
+        results.append(result)
+        height, width = result["size"]
+        print(
+            f"{path}: {result['keypoints']} keypoints, {width}x{height}, {result['seconds']:.2f} s"
+            f" -> {result['output']}",
+            file=progress,
+        )
+    if args.json:
+        _write_summary(args, elf, results)
+    return _common.FAILED if any("error" in result for result in results) else 0
+
+
+def _detect(elf: ElfRuntime, path: Path, stem: Path, mask: Any, args: argparse.Namespace) -> dict[str, Any]:
+    start = time.perf_counter()
+    pixels = images.read(path)
+    trace = elf.trace(pixels, mask=mask, **_common.settings(args))
+    seconds = time.perf_counter() - start
+    endings = ["npz", "csv"]
+    for ending in endings:
+        trace.features.save(f"{stem}.{ending}")
+    if not args.no_picture:
+        _common.write_picture(Path(f"{stem}.png"), detection_picture(pixels, trace, path.name))
+        endings.append("png")
+    return {
+        "image": str(path),
+        "output": f"{stem}.{endings[0]}, " + ", ".join(f".{ending}" for ending in endings[1:]),
+        "files": [f"{stem}.{ending}" for ending in endings],
+        "size": list(trace.features.image_size),
+        "keypoints": len(trace.features),
+        "passed": float(trace.mask.mean()),
+        "seconds": seconds,
+        "stages": trace.seconds,
+    }
+
+
+def _read_mask(path: str) -> Any:
+    mask = images.read(path)
+    # A colour picture of a mask, or one with an alpha channel: black is black in all of its colours.
+    return mask if mask.ndim == 2 else mask[:, :, :3].any(axis=2)
+
+
+def _refuse_to_overwrite(paths: Sequence[Path], names: Sequence[str], folder: Path) -> None:
+    inputs = {path.resolve() for path in paths}
+    for name in names:
+        if (folder / f"{name}.png").resolve() in inputs:
+            raise _common.UsageError(f"{folder / name}.png is an input image; give another folder to -o")
+
+
+def _write_summary(args: argparse.Namespace, elf: ElfRuntime, results: list[dict[str, Any]]) -> None:
+    given = {name: value for name, value in _common.settings(args).items() if name != "descriptor"}
+    contract = elf.contract
+    spec = contract.descriptor(args.descriptor)
+    summary = {
+        "model": args.model or "bundled",
+        "network": contract.network,
+        "layer": contract.layer,
+        "descriptor": spec.layer if spec else None,
+        "provider": elf.providers[0],
+        "settings": elf.params(given.pop("preset"), **given).to_dict(),
+        "images": [{k: v for k, v in result.items() if k != "output"} for result in results],
+    }
+    text = json.dumps(summary, indent=2) + "\n"
+    if args.json == "-":
+        sys.stdout.write(text)
+    else:
+        _common.write_text(Path(args.json), text)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

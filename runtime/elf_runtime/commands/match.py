@@ -1,0 +1,139 @@
+"""elf-match: the matches of two images, as a picture."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from elf_runtime import image as images
+from elf_runtime.errors import SettingError
+from elf_runtime.features import Features
+from elf_runtime.geometry import LEAST_MATCHES, TwoView, fit
+from elf_runtime.matching import match
+from elf_runtime.render import match_picture
+
+from . import _common
+
+DESCRIPTION = """\
+Match the ELF keypoints of two images (mutual nearest neighbours in descriptor space) and draw the matches.
+
+With --ransac, one homography (a plane, or a camera that only turns) or fundamental matrix (any rigid scene) is
+fitted to them by MAGSAC++; its inliers are drawn in green, the other matches in thin red."""
+
+EPILOG = """\
+examples:
+  elf-match left.jpg right.jpg -o matches.png
+  elf-match left.jpg right.jpg -o matches.png --ratio 0.9 --ransac homography --save matches.npz
+
+--save writes pairs (M, 2) of indices, the matched points_a and points_b (M, 2), inliers (M,), the fitted matrix
+(3, 3) (NaN where there is none), and scores_a and scores_b (M,) of the keypoints."""
+
+
+def build_parser() -> argparse.ArgumentParser:
+    parser = _common.new_parser("elf-match", DESCRIPTION, EPILOG)
+    parser.add_argument("a", metavar="A", help="first image")
+    parser.add_argument("b", metavar="B", help="second image")
+    parser.add_argument(
+        "-o", "--output", required=True, type=Path, metavar="FILE", help="picture: .png or .jpg"
+    )
+    parser.add_argument(
+        "--ratio", type=float, metavar="R", help="keep matches below R x the second nearest distance"
+    )
+    parser.add_argument("--ransac", choices=list(LEAST_MATCHES), help="fit a geometry and draw its inliers")
+    parser.add_argument(
+        "--ransac-threshold",
+        type=float,
+        metavar="PX",
+        help="largest distance of an inlier, in pixels; default: 3",
+    )
+    parser.add_argument("--save", type=Path, metavar="FILE", help="write the matches as .npz")
+    parser.add_argument(
+        "--json", metavar="FILE", help="write the counts and the matrix; - is standard output"
+    )
+    _common.add_detection_options(parser)
+    _common.add_model_options(parser)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    return _common.run(build_parser(), _work, argv)
+
+
+def _work(args: argparse.Namespace) -> int:
+    if args.ransac_threshold is not None and not args.ransac:
+        raise _common.UsageError("--ransac-threshold needs --ransac homography or --ransac fundamental")
+    if args.save and args.save.suffix != ".npz":
+        raise _common.UsageError(f"--save {args.save}: matches are saved as .npz")
+    if args.ratio is not None and not 0.0 < args.ratio < 1.0:
+        raise _common.UsageError(f"--ratio {args.ratio:g}: a ratio lies between 0 and 1")
+    targets = {path.resolve() for path in (args.output, args.save) if path}
+    if targets & {Path(args.a).resolve(), Path(args.b).resolve()}:
+        raise _common.UsageError("an output is an input image; give it another name")
+    elf = _common.open_runtime(args)
+    if elf.contract.descriptor(args.descriptor) is None:
+        raise SettingError(f"{args.model}: exported with --desc none, it can't describe, and so not match")
+    pixels = [images.read(path) for path in (args.a, args.b)]
+    first, second = (elf.detect(image, **_common.settings(args)) for image in pixels)
+    pairs = match(first, second, args.ratio)
+    points = (first.keypoints[pairs[:, 0]], second.keypoints[pairs[:, 1]])
+    view = fit(*points, args.ransac, args.ransac_threshold or 3.0) if args.ransac else None
+
+    text = f"{len(pairs)} matches"
+    if view is not None:
+        text += (
+            f", {int(view.inliers.sum())} {view.kind} inliers"
+            if view.matrix is not None
+            else f", no {view.kind}"
+        )
+    titles = [
+        f"{Path(args.a).name}  {len(first)} keypoints, {text}",
+        f"{Path(args.b).name}  {len(second)} keypoints",
+    ]
+    inliers = view.inliers if view is not None else None
+    _common.write_picture(args.output, match_picture(pixels, points, inliers, titles))
+    if args.save:
+        _save(args.save, pairs, (first, second), view)
+    line = f"{args.a}: {len(first)} keypoints, {args.b}: {len(second)} keypoints, {text} -> {args.output}"
+    print(line, file=sys.stderr if args.json == "-" else sys.stdout)
+    if args.json:
+        _write_summary(args.json, (first, second), len(pairs), view)
+    return 0
+
+
+def _save(path: Path, pairs: np.ndarray, found: tuple[Features, Features], view: TwoView | None) -> None:
+    first, second = found
+    fitted = view is not None and view.matrix is not None
+    arrays = {
+        "pairs": pairs,
+        "points_a": first.keypoints[pairs[:, 0]],
+        "points_b": second.keypoints[pairs[:, 1]],
+        "scores_a": first.scores[pairs[:, 0]],
+        "scores_b": second.scores[pairs[:, 1]],
+        "inliers": view.inliers if view is not None else np.ones(len(pairs), np.bool_),
+        "matrix": view.matrix if view is not None and fitted else np.full((3, 3), np.nan),
+    }
+    _common.write_atomically(path, lambda temporary: np.savez_compressed(temporary, **arrays))
+
+
+def _write_summary(target: str, found: tuple[Features, Features], matches: int, view: TwoView | None) -> None:
+    summary = {
+        "keypoints": [len(features) for features in found],
+        "matches": matches,
+        "ransac": view.kind if view is not None else None,
+        "inliers": int(view.inliers.sum()) if view is not None else None,
+        "matrix": view.matrix.tolist() if view is not None and view.matrix is not None else None,
+    }
+    text = json.dumps(summary, indent=2) + "\n"
+    if target == "-":
+        sys.stdout.write(text)
+    else:
+        _common.write_text(Path(target), text)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
