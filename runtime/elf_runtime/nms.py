@@ -9,6 +9,10 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float32]
 
 
+# Window values to look at for ties in one round; beyond it, plateaus are so large that sorting is cheaper.
+_MOST_TIE_CHECKS = 4_000_000
+
+
 def greedy_nms(
     scores: Array, mask: npt.NDArray[np.bool_], radius: int, limit: int | None = None
 ) -> tuple[npt.NDArray[np.int64], Array]:
@@ -33,43 +37,49 @@ def greedy_nms(
     points : (K, 2) int64, (x, y) in the loop's order
     scores : (K,) float32, descending
     """
-    height, width = scores.shape
+    width = scores.shape[1]
     flat = scores.ravel()
     taken: list[npt.NDArray[np.int64]] = []
-    found = 0
-    alive = np.where(mask, scores, -np.inf).astype(np.float32)
+    alive: npt.NDArray[np.floating] = np.where(mask, scores, -np.inf).astype(np.float32, copy=False)
     window = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
     while True:
         highest = cv2.dilate(alive, window, borderType=cv2.BORDER_CONSTANT, borderValue=-np.inf)
         peaks = np.flatnonzero((alive == highest) & (alive > -np.inf))
         if peaks.size == 0:
             break
-        if np.unique(flat[peaks]).size < peaks.size:
-            peaks = _first_of_ties(peaks, (height, width), window)
+        if peaks.size * window.size > 2 * _MOST_TIE_CHECKS and alive.dtype == np.float32:
+            alive = _ranks(alive)
+            continue
+        if alive.dtype == np.float32:
+            peaks = peaks[~_preceded(alive, peaks, radius)]
         taken.append(peaks)
-        found += peaks.size
-        chosen = np.zeros((height, width), np.uint8)
+        chosen = np.zeros(scores.shape, np.uint8)
         chosen.ravel()[peaks] = 1
         covered = cv2.dilate(chosen, window, borderType=cv2.BORDER_CONSTANT, borderValue=0)
         alive[covered.view(np.bool_)] = -np.inf
-    if not taken:
-        return np.zeros((0, 2), np.int64), np.zeros(0, np.float32)
-    index = np.sort(np.concatenate(taken))
+    index = np.sort(np.concatenate(taken)) if taken else np.zeros(0, np.int64)
     order = np.argsort(-flat[index], kind="stable")[:limit]
     index = index[order]
     return np.stack([index % width, index // width], axis=1), flat[index]
 
 
-def _first_of_ties(
-    peaks: npt.NDArray[np.int64], shape: tuple[int, int], window: npt.NDArray[np.uint8]
-) -> npt.NDArray[np.int64]:
-    """The peaks (sorted, raster order) with no earlier peak in their window.
+def _preceded(
+    alive: npt.NDArray[np.floating], peaks: npt.NDArray[np.int64], radius: int
+) -> npt.NDArray[np.bool_]:
+    """For each peak (the highest of its window): does an equal candidate come before it in raster order?"""
+    width = alive.shape[1]
+    framed = np.pad(alive, radius, constant_values=-np.inf)
+    windows = np.lib.stride_tricks.sliding_window_view(framed, (radius + 1, 2 * radius + 1))
+    # The rows from the window's top to the peak's own, which holds the peak at [radius, radius].
+    above = windows[peaks // width, peaks % width].reshape(peaks.size, -1)[:, : (2 * radius + 1) * radius + radius]
+    found: npt.NDArray[np.bool_] = (above == alive.ravel()[peaks][:, None]).any(axis=1)
+    return found
 
-    Two peaks in one window have the same score, each being the highest there: the earlier one is taken first.
-    A peak that is left out here for an earlier one that is itself left out comes back in a later round.
-    """
-    rank = np.zeros(shape, np.float64)
-    rank.ravel()[peaks] = np.arange(peaks.size, 0, -1)
-    best = cv2.dilate(rank, window, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    kept: npt.NDArray[np.int64] = peaks[rank.ravel()[peaks] == best.ravel()[peaks]]
-    return kept
+
+def _ranks(alive: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+    """Candidates numbered in the loop's order, the first one highest: the same order without ties."""
+    candidates = np.flatnonzero(alive > -np.inf)
+    order = candidates[np.argsort(-alive.ravel()[candidates], kind="stable")]
+    ranks = np.full(alive.shape, -np.inf)
+    ranks.ravel()[order] = np.arange(order.size, 0, -1)
+    return ranks

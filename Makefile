@@ -1,0 +1,50 @@
+# make demo    keypoints and matches on a photograph, with the bundled model
+# make test    lint, types and all tests
+# Both do all the set-up, from nothing but Python and pip.  The runtime's environment has no PyTorch.
+PYTHON ?= python3
+PIP = -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+RUNTIME = .venv/runtime
+FULL = .venv/full
+
+.PHONY: demo test test-runtime test-full lint bench models clean
+
+demo: $(RUNTIME)/ready
+	$(RUNTIME)/bin/elf-detect demo/palace.jpg -o out/demo
+	$(RUNTIME)/bin/python demo/second_view.py demo/palace.jpg out/demo/view.png
+	$(RUNTIME)/bin/elf-match demo/palace.jpg out/demo/view.png --ransac homography -o out/demo/matches.png
+	@echo "Look at out/demo/palace.png and out/demo/matches.png"
+
+test: lint test-runtime test-full
+
+# What a robot runs: the three base dependencies, no PyTorch, no onnx.
+test-runtime: $(RUNTIME)/ready
+	$(RUNTIME)/bin/python -m pytest -q -m "not torch"
+
+test-full: $(FULL)/ready
+	$(FULL)/bin/python -m pytest -q
+
+lint: $(FULL)/ready
+	$(FULL)/bin/ruff check .
+	$(FULL)/bin/mypy
+
+bench: $(FULL)/ready
+	$(FULL)/bin/python benchmarks/latency.py
+
+# Regenerate the bundled model; models/README.md says what it must be.
+models: $(FULL)/ready
+	$(FULL)/bin/python tools/make_bundled_model.py
+
+$(RUNTIME)/ready: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(RUNTIME)
+	$(RUNTIME)/bin/python $(PIP) --editable . pytest hypothesis
+	touch $@
+
+# torch first: the pinned release is the CPU build, and what is installed then satisfies the rest.
+$(FULL)/ready: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(FULL)
+	$(FULL)/bin/python $(PIP) torch
+	$(FULL)/bin/python $(PIP) --editable ".[dev]"
+	touch $@
+
+clean:
+	rm -rf .venv out

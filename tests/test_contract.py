@@ -1,0 +1,136 @@
+"""The contract: what is written is read back, and everything that does not fit is refused by name."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+import pytest
+
+from elf_runtime import ContractError, DescriptorSpec, DetectionParams, ModelContract, SettingError, WeightsSpec
+
+CONTRACT = ModelContract(
+    network="vgg",
+    layer="pool2",
+    stride=4.0,
+    descriptors=(DescriptorSpec("descriptors_pool4", "pool4", 512, 16.0, 7.5),),
+    detection=DetectionParams(denoise=(9, 3.0), scale=0.5),
+    weights=WeightsSpec("somewhere", "ab" * 32, "CC BY 4.0"),
+    parity={"max_error": 1e-3},
+    cost={"params": 5.0},
+    versions={"elf-onnx": "0.1.0"},
+    command="elf-export --net vgg --layer pool2",
+)
+
+
+@dataclass
+class Tensor:
+    name: str
+    type: str
+    shape: list[object]
+
+
+INPUT = Tensor("image", "tensor(float)", ["N", "H", "W", 3])
+SALIENCY = Tensor("saliency", "tensor(float)", ["N", "H", "W"])
+POOL4 = Tensor("descriptors_pool4", "tensor(float)", ["N", "h", "w", 512])
+
+
+def test_what_is_written_is_read_back() -> None:
+    metadata = CONTRACT.to_metadata()
+    assert all(key.startswith("elf.") for key in metadata)
+    assert ModelContract.from_metadata(metadata, "a.onnx") == CONTRACT
+
+
+def test_keys_of_others_and_of_later_versions_are_left_alone() -> None:
+    metadata = CONTRACT.to_metadata() | {"author": "me", "elf.future": "1"}
+    assert ModelContract.from_metadata(metadata, "a.onnx") == CONTRACT
+
+
+def test_a_model_without_contract_is_told_how_to_get_one() -> None:
+    with pytest.raises(ContractError, match=r"a\.onnx: not an ELF model.*elf-export --onnx a\.onnx"):
+        ModelContract.from_metadata({"author": "me"}, "a.onnx")
+
+
+def test_another_schema_names_both_versions_and_the_command() -> None:
+    metadata = CONTRACT.to_metadata() | {"elf.schema": "99"}
+    with pytest.raises(ContractError, match=r"a\.onnx.*'elf\.schema' is 99.*schema 1.*elf-export --net vgg"):
+        ModelContract.from_metadata(metadata, "a.onnx")
+
+
+@pytest.mark.parametrize("key", ["network", "layer", "stride", "input", "descriptors"])
+def test_a_missing_key_is_named(key: str) -> None:
+    metadata = CONTRACT.to_metadata()
+    del metadata[f"elf.{key}"]
+    with pytest.raises(ContractError, match=rf"'elf\.{key}' is missing"):
+        ModelContract.from_metadata(metadata, "a.onnx")
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("stride", '"four"'),
+        ("network", "7"),
+        ("network", "{"),
+        ("parity", "[1]"),
+        ("input", '{"color": "cmyk"}'),
+        ("input", '{"color": 3}'),
+        ("input", '{"layout": "NCHW"}'),
+        ("input", "[]"),
+        ("descriptors", '[{"output": "x"}]'),
+        ("descriptors", '[{"output": "x", "layer": "l", "dim": 0, "stride": 1.0, "offset": 0.0}]'),
+        ("detection", '{"denoise": [4, 1.0]}'),
+        ("detection", '{"nonsense": 1}'),
+    ],
+)
+def test_an_unreadable_value_is_named(key: str, value: str) -> None:
+    metadata = CONTRACT.to_metadata() | {f"elf.{key}": value}
+    with pytest.raises(ContractError, match=rf"a\.onnx: metadata key 'elf\.{key}' is unreadable"):
+        ModelContract.from_metadata(metadata, "a.onnx")
+
+
+def test_tensors_that_fit() -> None:
+    CONTRACT.check_tensors([INPUT], [SALIENCY, POOL4], "a.onnx")
+
+
+@pytest.mark.parametrize(
+    ("inputs", "outputs", "key"),
+    [
+        ([], [SALIENCY, POOL4], "input"),
+        ([Tensor("x", "tensor(float)", ["N", "H", "W", 3])], [SALIENCY, POOL4], "input"),
+        ([Tensor("image", "tensor(uint8)", ["N", "H", "W", 3])], [SALIENCY, POOL4], "input"),
+        ([Tensor("image", "tensor(float)", ["N", 3, "H", "W"])], [SALIENCY, POOL4], "input"),
+        ([INPUT], [POOL4], "saliency_output"),
+        ([INPUT], [Tensor("saliency", "tensor(float)", ["N", "H", "W", 1]), POOL4], "saliency_output"),
+        ([INPUT], [SALIENCY], "descriptors"),
+        ([INPUT], [SALIENCY, Tensor("descriptors_pool4", "tensor(float)", ["N", "h", "w", 256])], "descriptors"),
+    ],
+)
+def test_tensors_that_disagree_are_refused(inputs: list[Tensor], outputs: list[Tensor], key: str) -> None:
+    with pytest.raises(ContractError, match=rf"a\.onnx: 'elf\.{key}' says"):
+        CONTRACT.check_tensors(inputs, outputs, "a.onnx")
+
+
+def test_descriptor_by_layer() -> None:
+    assert CONTRACT.descriptor() == CONTRACT.descriptor("pool4") == CONTRACT.descriptors[0]
+    assert ModelContract("vgg", "pool2", 4.0).descriptor() is None
+    with pytest.raises(SettingError, match="no descriptor layer 'pool9'.*pool4"):
+        CONTRACT.descriptor("pool9")
+
+
+def test_the_metadata_is_json() -> None:
+    for value in CONTRACT.to_metadata().values():
+        json.loads(value)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"denoise": (4, 1.0)}, {"denoise": (0, 1.0)}, {"denoise": (5, 0.0)}, {"denoise": 5}, {"threshold": "otsu"},
+        {"threshold": 1.5}, {"threshold": float("nan")}, {"nms_radius": -1}, {"nms_radius": 2.5},
+        {"border": True}, {"max_keypoints": -1}, {"scale": 0}, {"scale": 100}, {"scale": "half"},
+        {"normalize": 0.0}, {"quantize": 1}, {"colour": "red"},
+    ],
+)  # fmt: skip
+def test_settings_out_of_range(changes: dict[str, object]) -> None:
+    with pytest.raises(SettingError):
+        DetectionParams().updated(**changes)

@@ -1,0 +1,299 @@
+"""ElfRuntime on a small model: every kind of input and setting, and the defined empty result."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import TINY, textured
+
+from elf_runtime import (
+    ContractError,
+    ElfRuntime,
+    Features,
+    ImageError,
+    ModelError,
+    ProviderError,
+    SettingError,
+    match,
+)
+
+
+@pytest.fixture(scope="module")
+def elf() -> ElfRuntime:
+    return ElfRuntime(TINY, threads=1)
+
+
+def same(a: Features, b: Features, tolerance: float = 0.0) -> bool:
+    close = [(a.keypoints, b.keypoints), (a.scores, b.scores), (a.descriptors, b.descriptors)]
+    return len(a) == len(b) and all(np.allclose(x, y, rtol=0, atol=tolerance) for x, y in close)
+
+
+def test_what_comes_out(elf: ElfRuntime, image: np.ndarray) -> None:
+    f = elf.detect(image)
+    n = len(f)
+    assert n >= 5
+    assert (f.keypoints.shape, f.scores.shape, f.descriptors.shape) == ((n, 2), (n,), (n, 8))
+    assert {a.dtype for a in (f.keypoints, f.scores, f.descriptors)} == {np.dtype(np.float32)}
+    assert (np.diff(f.scores) <= 0).all()
+    norms = np.linalg.norm(f.descriptors, axis=1)
+    assert np.allclose(norms[norms > 0], 1, atol=1e-5)
+    assert f.image_size == (120, 160)
+    assert (f.keypoints >= 10).all()
+    assert (f.keypoints < [150, 110]).all()
+
+
+@pytest.mark.parametrize("size", [(32, 32), (33, 47), (479, 641), (32, 200), (101, 64)])
+def test_any_size(elf: ElfRuntime, size: tuple[int, int]) -> None:
+    image = textured(*size, seed=3)
+    assert elf.saliency(image).shape == size
+    elf.detect(image, border=2)
+    elf.detect(image, scale=0.5)
+    assert elf.saliency(image, scale=0.7).shape == size
+
+
+def test_all_kinds_of_images_give_the_same(elf: ElfRuntime, image: np.ndarray, tmp_path: Path) -> None:
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    wanted = elf.detect(grey)
+    assert same(elf.detect(grey[:, :, None]), wanted)
+    assert same(elf.detect(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)), wanted)
+    assert same(elf.detect(grey.astype(np.uint16) * 257), wanted, 1e-2)
+    assert same(elf.detect(grey / 255.0), wanted, 1e-2)
+    cv2.imwrite(str(tmp_path / "grey.png"), grey)
+    assert same(elf.detect(tmp_path / "grey.png"), wanted)
+    assert same(elf.detect(str(tmp_path / "grey.png")), wanted)
+
+
+def test_a_lone_corner_is_found_where_it_is(elf: ElfRuntime) -> None:
+    """A half-pixel shift or swapped axes would be seen here: a dot is its own keypoint, at any working scale."""
+    image = np.full((100, 140, 3), 60, np.uint8)
+    image[61:64, 87:90] = 255
+    for scale in (1.0, 2.0):
+        f = elf.detect(image, scale=scale, max_keypoints=1)
+        assert np.abs(f.keypoints[0] - [88, 62]).max() <= 1.5
+        assert np.abs(elf.saliency(image, scale=scale)).max() > 0
+
+
+def test_limits_and_masks(elf: ElfRuntime, image: np.ndarray) -> None:
+    every = elf.detect(image)
+    assert np.array_equal(elf.detect(image, max_keypoints=5).keypoints, every.keypoints[:5])
+    assert len(elf.detect(image, max_keypoints=0)) == 0
+    mask = np.zeros(image.shape[:2], np.uint8)
+    mask[30:90, 40:120] = 1
+    inside = elf.detect(image, mask=mask).keypoints
+    assert len(inside)
+    assert (inside >= [40, 30]).all()
+    assert (inside < [120, 90]).all()
+    nothing = elf.detect(image, mask=np.zeros_like(mask))
+    assert (nothing.keypoints.shape, nothing.scores.shape, nothing.descriptors.shape) == ((0, 2), (0,), (0, 8))
+    wide = elf.detect(image, border=40).keypoints
+    assert (wide >= 40).all()
+    far = elf.detect(image, nms_radius=25).keypoints
+    gaps = np.abs(far[:, None] - far[None]).max(2) + 1e9 * np.eye(len(far))
+    assert gaps.min() > 25
+
+
+def test_a_flat_image_is_the_empty_result(elf: ElfRuntime) -> None:
+    for value in (0, 128, 255):
+        flat = np.full((64, 64, 3), value, np.uint8)
+        f = elf.detect(flat)
+        assert (f.keypoints.shape, f.scores.shape, f.descriptors.shape) == ((0, 2), (0,), (0, 8))
+        assert not elf.saliency(flat).any()
+
+
+def test_presets_change_the_settings(elf: ElfRuntime, image: np.ndarray) -> None:
+    assert elf.params("paper").quantize
+    assert elf.params("paper", scale=0.5).scale == 0.5
+    assert elf.params("paper-robust").threshold_blur == (17, 6.0)
+    elf.detect(image, preset="paper")
+    with pytest.raises(SettingError, match="unknown preset 'fastest'.*paper"):
+        elf.detect(image, preset="fastest")
+    with pytest.raises(SettingError, match="unknown detection setting 'radius'"):
+        elf.detect(image, radius=3)
+    with pytest.raises(SettingError, match="threshold"):
+        elf.detect(image, threshold="otsu")
+
+
+def test_batches_equal_single_images(elf: ElfRuntime) -> None:
+    images = [textured(64, 80, s) for s in range(3)] + [textured(48, 80, 9), np.full((48, 80, 3), 5, np.uint8)]
+    images += [textured(48, 80, 10)]
+    masks = [None, np.ones((64, 80), bool), None, None, None, np.zeros((48, 80), bool)]
+    for size in (1, 2, 4):
+        batch = elf.detect_batch(images, masks=masks, batch_size=size, border=4)
+        for f, image, mask in zip(batch, images, masks, strict=True):
+            assert same(f, elf.detect(image, mask=mask, border=4), 1e-3)
+    assert elf.detect_batch([]) == []
+    with pytest.raises(ImageError, match="masks"):
+        elf.detect_batch(images, masks=[None])
+
+
+def test_describe_equals_detect_at_its_keypoints(elf: ElfRuntime, image: np.ndarray) -> None:
+    for scale in (1.0, 0.5):
+        f = elf.detect(image, scale=scale, border=5)
+        assert np.allclose(elf.describe(image, f.keypoints, scale=scale), f.descriptors, atol=1e-5)
+    points, descriptors = elf.detect(image).to_cv2()
+    assert np.allclose(elf.describe(image, points), descriptors, atol=1e-5)
+    assert elf.describe(image, np.zeros((0, 2))).shape == (0, 8)
+    assert elf.describe(image, []).shape == (0, 8)
+    assert np.isfinite(elf.describe(image, [[-50, 9999], [0, 0]])).all()
+    assert elf.describe(image, [[5, 5]], descriptor="pool1").shape == (1, 8)
+
+
+@pytest.mark.parametrize("points", [[[1, 2, 3]], [1, 2], [[np.nan, 0]], [["a", "b"]], "abc"])
+def test_points_that_are_none(elf: ElfRuntime, image: np.ndarray, points: object) -> None:
+    with pytest.raises(ImageError):
+        elf.describe(image, points)
+
+
+def test_matching_an_image_with_itself(elf: ElfRuntime, image: np.ndarray) -> None:
+    f = elf.detect(image)
+    pairs = match(f, f)
+    assert len(pairs) > 0.8 * len(f)
+    assert (pairs[:, 0] == pairs[:, 1]).mean() > 0.95
+
+
+def test_opencv_keypoints(elf: ElfRuntime, image: np.ndarray) -> None:
+    f = elf.detect(image)
+    points, descriptors = f.to_cv2()
+    assert len(points) == len(f)
+    assert points[0].pt == pytest.approx(tuple(f.keypoints[0]))
+    assert points[0].size == 21
+    assert points[0].response == pytest.approx(f.scores[0])
+    assert descriptors is f.descriptors
+
+
+def test_features_on_disk(elf: ElfRuntime, image: np.ndarray, tmp_path: Path) -> None:
+    f = elf.detect(image)
+    f.save(tmp_path / "f.npz")
+    assert same(Features.load(tmp_path / "f.npz"), f)
+    f.save(tmp_path / "f.csv")
+    lines = (tmp_path / "f.csv").read_text().splitlines()
+    assert lines[0] == "x,y,score"
+    assert len(lines) == len(f) + 1
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["f.csv", "f.npz"]
+
+
+def test_threads_share_one_instance(elf: ElfRuntime) -> None:
+    images = [textured(64, 80, s) for s in range(4)]
+    wanted = [elf.detect(i) for i in images]
+    wrong: list[int] = []
+
+    def work(k: int) -> None:
+        for _ in range(5):
+            if not same(elf.detect(images[k]), wanted[k]):
+                wrong.append(k)
+
+    workers = [threading.Thread(target=work, args=(k,)) for k in range(4)]
+    for w in workers:
+        w.start()
+    for w in workers:
+        w.join()
+    assert not wrong
+
+
+def test_warmup_and_trace(elf: ElfRuntime, image: np.ndarray) -> None:
+    elf.warmup((64, 48))
+    trace = elf.trace(image)
+    assert {"read", "prepare", "session", "threshold", "nms", "descriptors"} <= set(trace.seconds)
+    assert trace.saliency.shape == trace.scores.shape == trace.mask.shape == (120, 160)
+    assert same(trace.features, elf.detect(image))
+
+
+@pytest.mark.parametrize(
+    ("image", "error"),
+    [
+        (np.zeros((1, 1, 3), np.uint8), "1x1 pixels; the smallest is 32x32"),
+        (np.zeros((31, 400), np.uint8), "smallest is 32x32"),
+        (np.zeros((0, 0, 3), np.uint8), "empty"),
+        (np.full((64, 64), np.nan), "NaN"),
+        (np.full((64, 64, 3), np.inf, np.float32), "infinite"),
+        (np.zeros((64, 64), np.int64), "not int64"),
+        ("missing.png", "missing.png"),
+    ],
+)
+def test_images_that_are_refused(elf: ElfRuntime, image: object, error: str) -> None:
+    for call in (elf.detect, elf.saliency):
+        with pytest.raises(ImageError, match=error):
+            call(image)  # type: ignore[operator]
+
+
+def test_a_mask_of_another_shape(elf: ElfRuntime, image: np.ndarray) -> None:
+    with pytest.raises(ImageError, match=r"mask has shape \(10, 10\), the image \(120, 160\)"):
+        elf.detect(image, mask=np.ones((10, 10), bool))
+
+
+def test_models_that_are_refused(tmp_path: Path) -> None:
+    whole = TINY.read_bytes()
+    bad = {
+        "truncated.onnx": whole[: len(whole) // 2],
+        "text.onnx": b"this is not a model\n" * 20,
+        "empty.onnx": b"",
+        "noise.onnx": np.random.default_rng(0).bytes(5000),
+    }
+    for name, data in bad.items():
+        (tmp_path / name).write_bytes(data)
+        with pytest.raises(ModelError, match=name):
+            ElfRuntime(tmp_path / name)
+    with pytest.raises(ModelError, match=r"missing\.onnx: no such file"):
+        ElfRuntime(tmp_path / "missing.onnx")
+    with pytest.raises(ModelError, match="not a file"):
+        ElfRuntime(tmp_path)
+    with pytest.raises(ModelError, match="0 bytes"):
+        ElfRuntime(b"")
+    with pytest.raises(ModelError, match="path or bytes"):
+        ElfRuntime(7)  # type: ignore[arg-type]
+
+
+def test_a_model_cut_anywhere_is_refused() -> None:
+    whole = TINY.read_bytes()
+    for end in np.linspace(1, len(whole) - 1, 40).astype(int):
+        with pytest.raises(ModelError):
+            ElfRuntime(whole[:end])
+
+
+def test_a_foreign_model_is_told_apart(tmp_path: Path) -> None:
+    """The tiny model with its metadata keys overwritten, byte for byte as long: valid ONNX, no contract."""
+    path = tmp_path / "foreign.onnx"
+    path.write_bytes(TINY.read_bytes().replace(b"elf.", b"xyz."))
+    with pytest.raises(ContractError, match=r"foreign\.onnx: not an ELF model"):
+        ElfRuntime(path)
+
+
+def test_a_contract_at_odds_with_the_graph(tmp_path: Path) -> None:
+    path = tmp_path / "odd.onnx"
+    path.write_bytes(TINY.read_bytes().replace(b'"descriptors_relu2"', b'"descriptors_relu9"'))
+    with pytest.raises(ContractError, match=r"odd\.onnx: 'elf\.descriptors' says output 'descriptors_relu9'"):
+        ElfRuntime(path)
+
+
+def test_models_from_bytes_and_text_paths(tmp_path: Path, image: np.ndarray) -> None:
+    path = shutil.copy(TINY, tmp_path / "spaß mit leerzeichen.onnx")
+    assert same(ElfRuntime(str(path)).detect(image), ElfRuntime(TINY.read_bytes()).detect(image), 1e-4)
+
+
+def test_providers() -> None:
+    assert ElfRuntime(TINY, providers="cpu").providers == ["CPUExecutionProvider"]
+    assert ElfRuntime(TINY, providers=[("CPUExecutionProvider", {})]).providers == ["CPUExecutionProvider"]
+    with pytest.raises(ProviderError, match="unknown provider 'warp'"):
+        ElfRuntime(TINY, providers="warp")
+    with pytest.raises(ProviderError, match="unknown provider 'warp'"):
+        ElfRuntime(TINY, providers=["warp"], fallback=True)
+    with pytest.raises(ProviderError, match="empty"):
+        ElfRuntime(TINY, providers=[])
+    for threads in (0, -1, 1.5, True):
+        with pytest.raises(ProviderError, match="threads"):
+            ElfRuntime(TINY, threads=threads)  # type: ignore[arg-type]
+
+
+def test_a_provider_that_is_not_installed() -> None:
+    import onnxruntime
+
+    missing = next(p for p in onnxruntime.get_all_providers() if p not in onnxruntime.get_available_providers())
+    with pytest.raises(ProviderError, match=f"{missing} is not in the installed onnxruntime"):
+        ElfRuntime(TINY, providers=[missing, "cpu"])
+    with pytest.warns(RuntimeWarning, match=missing):
+        assert ElfRuntime(TINY, providers=[missing], fallback=True).providers == ["CPUExecutionProvider"]

@@ -1,0 +1,48 @@
+"""Mutual nearest neighbours against a plain loop."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elf_runtime import Features, SettingError, match
+from elf_runtime.descriptors import normalize_rows
+
+
+def unit(n: int, d: int, seed: int) -> np.ndarray:
+    return normalize_rows(np.random.default_rng(seed).standard_normal((n, d)).astype(np.float32))
+
+
+def plain(a: np.ndarray, b: np.ndarray, ratio: float | None) -> list[list[int]]:
+    pairs = []
+    for i, row in enumerate(a):
+        ab = [float(np.linalg.norm(row - other)) for other in b]
+        j = int(np.argmin(ab))
+        back = int(np.argmin([float(np.linalg.norm(b[j] - other)) for other in a]))
+        passes = ratio is None or len(b) < 2 or sorted(ab)[0] < ratio * sorted(ab)[1]
+        if back == i and passes:
+            pairs.append([i, j])
+    return pairs
+
+
+@pytest.mark.parametrize("ratio", [None, 0.8, 0.95])
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (1, 7), (30, 20), (40, 41)])
+def test_equals_the_plain_loop(n: int, m: int, ratio: float | None) -> None:
+    a, b = unit(n, 16, 1), unit(m, 16, 2)
+    b[: min(n, m) // 2] = normalize_rows(a[: min(n, m) // 2] + 0.1 * b[: min(n, m) // 2])
+    assert match(a, b, ratio).tolist() == plain(a, b, ratio)
+
+
+def test_features_and_empty_sides() -> None:
+    nothing = Features(np.zeros((0, 2), np.float32), np.zeros(0, np.float32), np.zeros((0, 16), np.float32), (9, 9))
+    assert match(nothing, unit(3, 16, 0)).shape == (0, 2)
+    assert match(unit(3, 16, 0), nothing).shape == (0, 2)
+
+
+def test_what_cannot_be_compared() -> None:
+    with pytest.raises(SettingError, match="can't be compared"):
+        match(unit(3, 16, 0), unit(3, 8, 0))
+    with pytest.raises(SettingError, match="ratio"):
+        match(unit(3, 16, 0), unit(3, 16, 0), ratio=1.5)
+    with pytest.raises(SettingError, match="no descriptors"):
+        match(np.zeros((2, 0), np.float32), np.zeros((2, 0), np.float32))

@@ -1,0 +1,96 @@
+"""The vectorised greedy non-maximum suppression equals the plain loop, exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from elf_runtime.nms import greedy_nms
+
+Array = npt.NDArray[np.float32]
+
+
+def plain_loop(scores: Array, mask: npt.NDArray[np.bool_], radius: int) -> list[tuple[int, int]]:
+    """The definition: by descending score, ties in raster order, each taken candidate clears its window."""
+    height, width = scores.shape
+    candidates = [(y, x) for y in range(height) for x in range(width) if mask[y, x]]
+    candidates.sort(key=lambda p: (-scores[p], p))
+    alive = mask.copy()
+    taken = []
+    for y, x in candidates:
+        if alive[y, x]:
+            taken.append((x, y))
+            alive[max(0, y - radius) : y + radius + 1, max(0, x - radius) : x + radius + 1] = False
+    return taken
+
+
+def check(scores: Array, mask: npt.NDArray[np.bool_], radius: int) -> None:
+    points, values = greedy_nms(scores, mask, radius)
+    assert [tuple(p) for p in points.tolist()] == plain_loop(scores, mask, radius)
+    assert values.tolist() == [scores[y, x] for x, y in points]
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1), st.integers(1, 40), st.integers(1, 40), st.integers(0, 6),
+    st.sampled_from([2, 5, 50, 0]), st.floats(0.05, 1.0),
+)  # fmt: skip
+def test_equals_the_plain_loop(seed: int, h: int, w: int, radius: int, levels: int, density: float) -> None:
+    rng = np.random.default_rng(seed)
+    raw = rng.random((h, w)) if levels == 0 else rng.integers(0, levels, (h, w))  # few levels: many ties
+    check(raw.astype(np.float32), rng.random((h, w)) < density, radius)
+
+
+@pytest.mark.parametrize("radius", [0, 1, 3, 10])
+def test_plateaus_ramps_and_stripes(radius: int) -> None:
+    y, x = np.mgrid[:30, :45].astype(np.float32)
+    everywhere = np.ones((30, 45), np.bool_)
+    for scores in (np.ones((30, 45), np.float32), x, y, x + y, x % 7, (x + 3 * y) % 5, -x, 45 * y + x):
+        check(scores.astype(np.float32), everywhere, radius)
+
+
+def test_large_plateaus_take_the_sorting_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("elf_runtime.nms._MOST_TIE_CHECKS", 1000)
+    rng = np.random.default_rng(0)
+    check(np.ones((40, 50), np.float32), rng.random((40, 50)) < 0.9, 3)
+    check(rng.integers(0, 4, (60, 50)).astype(np.float32), np.ones((60, 50), np.bool_), 2)
+
+
+def test_a_tie_goes_to_raster_order_and_its_loser_may_win_elsewhere() -> None:
+    scores = np.zeros((1, 9), np.float32)
+    scores[0, [1, 3, 5]] = 1.0  # 1 clears 3, so 5 is taken too
+    points, _ = greedy_nms(scores, scores > 0, 2)
+    assert points.tolist() == [[1, 0], [5, 0]]
+
+
+def test_an_off_by_one_window_would_be_seen() -> None:
+    scores = np.zeros((1, 30), np.float32)
+    scores[0, [5, 15, 26]] = [3, 2, 1]
+    points, _ = greedy_nms(scores, scores > 0, 10)
+    assert points.tolist() == [[5, 0], [26, 0]]  # 15 is exactly 10 away from 5; 26 is 11 away from 15
+
+
+def test_limit_keeps_the_strongest() -> None:
+    scores = np.random.default_rng(0).random((60, 60)).astype(np.float32)
+    mask = np.ones(scores.shape, np.bool_)
+    every, _ = greedy_nms(scores, mask, 3)
+    some, values = greedy_nms(scores, mask, 3, limit=7)
+    assert some.tolist() == every[:7].tolist()
+    assert (np.diff(values) <= 0).all()
+    assert len(greedy_nms(scores, mask, 3, limit=0)[0]) == 0
+
+
+def test_an_equal_candidate_that_is_no_peak_itself_goes_first() -> None:
+    """(1, 0) is highest of what its window still holds, but (0, 0), equal and earlier, is yet to be decided."""
+    scores = np.array([[5, 5, 9, 9, 9]], np.float32)[:, ::-1].copy()
+    check(scores, np.ones(scores.shape, np.bool_), 1)
+    check(np.array([[0, 1, 0, 0], [1, 1, 0, 0]], np.float32), np.ones((2, 4), np.bool_), 1)
+
+
+def test_nothing_in_nothing_out() -> None:
+    points, values = greedy_nms(np.zeros((8, 8), np.float32), np.zeros((8, 8), np.bool_), 2)
+    assert points.shape == (0, 2)
+    assert values.shape == (0,)

@@ -1,0 +1,112 @@
+"""Kapur's threshold against a brute-force loop; normalisation and masks."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from elf_runtime import DetectionParams
+from elf_runtime.threshold import kapur, normalized, quantile, scores_and_mask
+
+
+def brute_force_kapur(counts: list[int]) -> tuple[int, dict[int, float]]:
+    """The definition, in loops: (first best level or -1, entropy of every level that splits the counts)."""
+    total = sum(counts)
+    entropies = {}
+    for level in range(len(counts) - 1):
+        value = 0.0
+        for part in (counts[: level + 1], counts[level + 1 :]):
+            mass = sum(part)
+            if mass == 0:
+                break
+            value -= sum(c / mass * math.log(c / mass) for c in part if c)
+        else:
+            entropies[level] = value
+    if total == 0 or not entropies:
+        return -1, entropies
+    return max(entropies, key=lambda level: (entropies[level], -level)), entropies
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.one_of(st.just(0), st.integers(0, 5000)), min_size=2, max_size=64))
+def test_kapur_maximises_the_entropy(counts: list[int]) -> None:
+    level = kapur(np.array(counts))
+    wanted, entropies = brute_force_kapur(counts)
+    if wanted == -1:
+        assert level == -1
+    else:
+        assert entropies[level] == pytest.approx(entropies[wanted], abs=1e-12)
+        ties = [t for t, h in entropies.items() if h > entropies[wanted] - 1e-12]
+        assert level in ties
+
+
+def test_kapur_splits_two_clear_classes() -> None:
+    counts = np.zeros(256, int)
+    counts[10:20] = 100
+    counts[200:210] = 50
+    assert 19 <= kapur(counts) < 200
+
+
+def test_kapur_of_one_occupied_bin_is_none() -> None:
+    counts = np.zeros(256, int)
+    counts[7] = 5
+    assert kapur(counts) == -1
+    assert kapur(np.zeros(256, int)) == -1
+
+
+def test_an_off_by_one_level_would_be_seen() -> None:
+    counts = [100, 100, 0, 1, 80, 3]
+    best, entropies = brute_force_kapur(counts)
+    assert entropies[best] - max(h for level, h in entropies.items() if level != best) > 1e-3
+    assert kapur(np.array(counts)) == best
+
+
+def test_the_mask_is_what_lies_above_the_level() -> None:
+    saliency = np.zeros((40, 60), np.float32)
+    saliency[10:20, 10:20] = 3.0
+    saliency += np.float32(0.2)
+    params = DetectionParams(denoise=(1, 1.0), threshold_blur=(1, 1.0))
+    scores, mask = scores_and_mask(saliency, params)
+    assert mask.sum() == 100
+    assert mask[10:20, 10:20].all()
+    assert scores.max() == pytest.approx(255.0)
+
+
+def test_a_fixed_level_is_a_fraction_of_the_range() -> None:
+    saliency = np.linspace(0, 1, 101, dtype=np.float32)[None].repeat(3, 0)
+    params = DetectionParams(threshold=0.5, denoise=(1, 1.0), threshold_blur=(1, 1.0))
+    assert scores_and_mask(saliency, params)[1][0].sum() == 50
+
+
+def test_eight_bits_truncate_as_an_image_does() -> None:
+    saliency = np.array([[0.0, 0.5, 0.999, 1.0]], np.float32)
+    out = normalized(saliency, DetectionParams(quantize=True))
+    assert out.dtype == np.uint8
+    assert out.tolist() == [[0, 127, 254, 255]]
+
+
+@pytest.mark.parametrize("quantize", [False, True])
+def test_an_all_zero_map_has_an_empty_mask(quantize: bool) -> None:
+    scores, mask = scores_and_mask(np.zeros((32, 32), np.float32), DetectionParams(quantize=quantize))
+    assert not mask.any()
+    assert not scores.any()
+
+
+def test_an_outlier_does_not_squash_the_quantile() -> None:
+    rng = np.random.default_rng(0)
+    saliency = rng.random((200, 200)).astype(np.float32)
+    saliency[3, 3] = 1000.0
+    calm = normalized(saliency, DetectionParams(normalize=0.99))
+    assert np.median(calm) > 50
+    assert np.median(normalized(saliency, DetectionParams())) < 1
+
+
+@pytest.mark.parametrize("q", [0.5, 0.9, 0.99])
+def test_the_histogram_quantile_is_near_the_exact_one(q: float) -> None:
+    values = np.random.default_rng(1).gamma(2.0, 1.0, (300, 300)).astype(np.float32)
+    top = float(values.max())
+    assert quantile(values, q, top) == pytest.approx(float(np.quantile(values, q)), abs=2 * top / 4096)
