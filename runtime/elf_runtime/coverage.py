@@ -24,8 +24,8 @@ class Coverage:
     ----------
     provider : str
     ran : dict
-        Op -> number of nodes on this provider, as ONNX Runtime executes them: fused, with its layout changes; a
-        provider that compiles whole subgraphs has one node for each.
+        Op -> number of nodes on this provider, as ONNX Runtime executes them: fused, with its layout changes;
+        a provider that compiles whole subgraphs has one node for each.
     elsewhere : dict
         The provider that took the others -> op -> number of nodes.
     error : str
@@ -45,8 +45,8 @@ class Coverage:
 def measure(model: str | Path, contract: ModelContract, provider: str, size: int = 64) -> Coverage:
     """Run `model` once on a small image of noise and read where each node was executed.
 
-    Nothing is concluded from lists of supported ops: whether a provider takes a node depends on its attributes
-    and shapes too.
+    Nothing is concluded from lists of supported ops: whether a provider takes a node depends on its
+    attributes and shapes too.
 
     Raises
     ------

@@ -114,11 +114,8 @@ def _text(report: Mapping[str, Any], coverages: Sequence[Coverage]) -> str:
         rows += _contract_rows(report["contract"], report["gflop_per_megapixel"])
     graph = report["graph"]
     opsets = ", ".join(f"{domain} {version}" for domain, version in graph["opsets"].items())
-    rows += [
-        "",
-        "graph",
-        _row("format", f"IR {graph['ir_version']}, opset {opsets}; {graph['producer']}".rstrip("; ")),
-    ]
+    form = f"IR {graph['ir_version']}, opset {opsets}; {graph['producer']}".rstrip("; ")
+    rows += ["", "graph", _row("format", form)]
     for kind in ("inputs", "outputs"):
         rows += [
             _row(kind[:-1], f"{name}  {tensor['dtype']} ({', '.join(map(str, tensor['dims']))})")

@@ -30,8 +30,8 @@ examples:
   elf-match left.jpg right.jpg -o matches.png
   elf-match left.jpg right.jpg -o matches.png --ratio 0.9 --ransac homography --save matches.npz
 
---save writes pairs (M, 2) of indices, the matched points_a and points_b (M, 2) as x, y in pixels, their scores_a
-and scores_b (M,), inliers (M,), and the fitted matrix (3, 3), NaN where there is none."""
+--save writes pairs (M, 2) of indices, the matched points_a and points_b (M, 2) as x, y in pixels, their
+scores_a and scores_b (M,), inliers (M,), and the fitted matrix (3, 3), NaN where there is none."""
 
 
 def build_parser() -> argparse.ArgumentParser:
