@@ -26,7 +26,7 @@ from .features import Features
 
 INLIER: Color = (90, 210, 60)
 OUTLIER: Color = (80, 80, 235)
-KEYPOINT: Color = (0, 140, 255)
+PASSED: Color = (235, 235, 120)
 
 
 def displayable(image: npt.NDArray[Any]) -> Picture:
@@ -85,28 +85,21 @@ def draw_keypoints(image: npt.NDArray[Any], features: Features, dim: float = 0.7
     return picture
 
 
-def draw_mask(
-    image: npt.NDArray[Any], mask: npt.NDArray[np.bool_], features: Features | None = None
-) -> Picture:
-    """What passed the threshold in full brightness, the rest almost black; a dot on each keypoint.
+def draw_mask(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_]) -> Picture:
+    """What passed the threshold in one bright colour, over the dark image.
 
     Parameters
     ----------
     image : (H, W, ...) array
     mask : (h, w) bool
-        At the working size; enlarged to the image's.
+        At the working size; resized to the image's.
     """
-    picture = displayable(image)
+    picture = _dimmed(displayable(image), 0.4)
     height, width = picture.shape[:2]
-    shown = cv2.resize(mask.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST_EXACT) != 0
-    gray = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
-    # Lifted from black: a dark place that passed must differ from one that did not.
-    levels = np.where(shown, 80 + gray.astype(np.float32) * (175 / 255), gray * 0.15).astype(np.uint8)
-    result = np.asarray(cv2.cvtColor(levels, cv2.COLOR_GRAY2BGR), np.uint8)
-    if features is not None:
-        for x, y in features.keypoints:
-            circle(result, x, y, max(1.5, 2.0 * _unit(result)), KEYPOINT, -1)
-    return result
+    # An area average, so that a thin line does not vanish where a large picture is shrunk.
+    method = cv2.INTER_AREA if mask.shape[0] > height else cv2.INTER_NEAREST
+    share = cv2.resize(mask.astype(np.float32), (width, height), interpolation=method)[:, :, None]
+    return np.asarray(picture * (1.0 - share) + np.array(PASSED, np.float32) * share, np.uint8)
 
 
 def detection_picture(
@@ -130,8 +123,8 @@ def detection_picture(
     share = 100.0 * float(trace.mask.mean())
     panels = [
         titled(draw_keypoints(view, seen), f"{title}  {len(features)} keypoints".lstrip(), legend=True),
-        titled(heat, "saliency |F^T dF/dI|"),
-        titled(draw_mask(view, trace.mask, seen), f"threshold: {share:.1f} % pass"),
+        titled(heat, "saliency S = |F^T dF/dI|"),
+        titled(draw_mask(view, trace.mask), f"threshold: {share:.1f} % pass"),
     ]
     return side_by_side(panels)
 
@@ -204,4 +197,4 @@ def _dimmed(picture: Picture, factor: float) -> Picture:
 def _unit(picture: Picture) -> float:
     """Lengths grow with pictures beyond 800 pixels, so that rings stay visible."""
     height, width = picture.shape[:2]
-    return max(1.0, height / 800, width / 800)
+    return float(max(1.0, height / 800, width / 800))

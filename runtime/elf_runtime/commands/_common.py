@@ -143,6 +143,11 @@ def threshold(text: str) -> str | float:
         raise argparse.ArgumentTypeError(f"{text!r} is not 'kapur', 'none' or a number") from None
 
 
+def short_name(path: str | Path) -> str:
+    """A file's name with its folder's, for titles: what tells ``graf/1.png`` from ``wall/1.png``."""
+    return "/".join(Path(path).parts[-2:])
+
+
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """Let `write` fill a neighbour of `path`, then put it in place: `path` is whole or as it was."""
     temporary = path.with_name(f".{path.stem}.part{path.suffix}")

@@ -95,7 +95,7 @@ def _detect(elf: ElfRuntime, path: Path, stem: Path, mask: Any, args: argparse.N
     for ending in endings:
         trace.features.save(f"{stem}.{ending}")
     if not args.no_picture:
-        _common.write_picture(Path(f"{stem}.png"), detection_picture(pixels, trace, path.name))
+        _common.write_picture(Path(f"{stem}.png"), detection_picture(pixels, trace, _common.short_name(path)))
         endings.append("png")
     return {
         "image": str(path),

@@ -22,16 +22,16 @@ from . import _common
 DESCRIPTION = """\
 Match the ELF keypoints of two images (mutual nearest neighbours in descriptor space) and draw the matches.
 
-With --ransac, one homography (a plane, or a camera that only turns) or fundamental matrix (any rigid scene) is
-fitted to them by MAGSAC++; its inliers are drawn in green, the other matches in thin red."""
+With --ransac, one homography (a plane, or a camera that only turns) or fundamental matrix (any rigid scene)
+is fitted to them by MAGSAC++; its inliers are drawn in green, the other matches in thin red."""
 
 EPILOG = """\
 examples:
   elf-match left.jpg right.jpg -o matches.png
   elf-match left.jpg right.jpg -o matches.png --ratio 0.9 --ransac homography --save matches.npz
 
---save writes pairs (M, 2) of indices, the matched points_a and points_b (M, 2), inliers (M,), the fitted matrix
-(3, 3) (NaN where there is none), and scores_a and scores_b (M,) of the keypoints."""
+--save writes pairs (M, 2) of indices, the matched points_a and points_b (M, 2) as x, y in pixels, their
+scores_a and scores_b (M,), inliers (M,), and the fitted matrix (3, 3), NaN where there is none."""
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -91,8 +91,8 @@ def _work(args: argparse.Namespace) -> int:
             else f", no {view.kind}"
         )
     titles = [
-        f"{Path(args.a).name}  {len(first)} keypoints, {text}",
-        f"{Path(args.b).name}  {len(second)} keypoints",
+        f"{_common.short_name(args.a)}  {len(first)} keypoints, {text}",
+        f"{_common.short_name(args.b)}  {len(second)} keypoints",
     ]
     inliers = view.inliers if view is not None else None
     _common.write_picture(args.output, match_picture(pixels, points, inliers, titles))
