@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import TINY, textured
+from helpers import TINY, textured
 
 from elf_runtime import (
     ContractError,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from conftest import ROOT
+from helpers import ROOT
 
 FORBIDDEN = ("torch", "onnx", "onnxscript", "elf_export", "h5py", "scipy", "matplotlib")
 

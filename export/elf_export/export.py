@@ -90,7 +90,7 @@ def export_network(
     forward = torch_to_onnx(module, layers, network.preprocessing.channels, opset)
     model = build_saliency(forward, layer, descriptors, NETWORK_INPUT, network.preprocessing)
 
-    from .torch_reference import torch_saliency
+    from .reference import torch_saliency
 
     reference = torch_saliency(module, network.preprocessing)
     detection = detection or network.detection

