@@ -20,7 +20,9 @@ def test_the_kept_output_is_the_same(name: str) -> None:
     image = np.random.default_rng(0).uniform(0, 255, (1, 48, 64, 3)).astype(np.float32)
     whole, part = (open_session(source, threads=1)[0] for source in (TINY, with_outputs(TINY, [name])))
     assert [output.name for output in part.get_outputs()] == [name]
-    np.testing.assert_array_equal(part.run([name], {"image": image})[0], whole.run([name], {"image": image})[0])
+    np.testing.assert_array_equal(
+        part.run([name], {"image": image})[0], whole.run([name], {"image": image})[0]
+    )
 
 
 def test_what_the_output_does_not_need_is_gone() -> None:

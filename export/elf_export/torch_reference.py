@@ -1,7 +1,7 @@
 """The saliency of an exported model by torch's own autograd: the same network, weights and preprocessing.
 
-`elf-bench` times it beside the exported graph.  It finds this module by name where the export half is installed,
-and goes without where it is not.
+`elf-bench` times it beside the exported graph.  It finds this module by name where the export half is
+installed, and goes without where it is not.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ def load(model: str | os.PathLike[str]) -> Saliency:
     Returns
     -------
     function
-        (H, W, 3) uint8 in the colour order of the model's input -> (H, W) float32, the saliency that the graph
-        computes; float32, with the threads that ``torch.set_num_threads`` set.
+        (H, W, 3) uint8 in the colour order of the model's input -> (H, W) float32, the saliency that the
+        graph computes; in float32, with the threads that ``torch.set_num_threads`` set.
 
     Raises
     ------
@@ -56,9 +56,7 @@ def load(model: str | os.PathLike[str]) -> Saliency:
     for name, shape in network.tensor_shapes([contract.layer]).items():
         values = numpy_helper.to_array(stored[name]) if name in stored else None
         if values is None or values.dtype.kind != "f" or values.shape != shape:
-            raise WeightsError(
-                f"{file}: holds no float tensor {name!r} of shape {shape} to rebuild {network.name} from"
-            )
+            raise WeightsError(f"{file}: holds no float tensor {name!r} of shape {shape}, which torch needs")
         tensors[name] = values.astype(np.float32)
     module = network.build(tensors, [contract.layer]).requires_grad_(False)
 

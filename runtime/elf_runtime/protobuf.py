@@ -1,8 +1,8 @@
 """Protobuf's wire format, as much of it as an .onnx file needs.
 
 On the wire a message is a row of fields: a varint key ``number << 3 | type``, then by type a varint (0),
-8 bytes (1), a length and that many bytes (2: text, submessage, packed numbers), or 4 bytes (5).  Which numbers
-mean what stands in the .proto file; a reader that knows those it wants skips all others.
+8 bytes (1), a length and that many bytes (2: text, submessage, packed numbers), or 4 bytes (5).  Which
+numbers mean what stands in the .proto file; a reader that knows those it wants skips all others.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def encoded(number: int, payload: bytes) -> bytes:
 
 
 def raw_fields(data: memoryview) -> Iterator[tuple[int, int | memoryview, memoryview]]:
-    """The fields of a message in file order: number, value, and all of the field's own bytes, key included."""
+    """The fields of a message in file order: number, value, and all of the field's bytes, key included."""
     at = 0
     while at < len(data):
         start = at

@@ -47,7 +47,7 @@ def summary(samples: Sequence[float]) -> Summary:
 
 
 def median_interval(samples: Sequence[float], confidence: float = 0.95, seed: int = 0) -> Interval:
-    """The median with its percentile-bootstrap interval (Efron, 1979); the same samples give the same interval.
+    """The median and its percentile-bootstrap interval (Efron, 1979), the same for the same samples.
 
     Raises
     ------

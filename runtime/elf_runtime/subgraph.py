@@ -1,8 +1,8 @@
 """A model cut down to some of its outputs, without the onnx package.
 
-ONNX Runtime computes every output of a graph whichever are fetched (``only_execute_path_to_fetches`` works in its
-training builds only, https://github.com/microsoft/onnxruntime/issues/16013).  Who wants the saliency alone, and not
-the descriptors' deeper layers, needs a model that has no other output.
+ONNX Runtime computes every output of a graph, whichever are fetched: ``only_execute_path_to_fetches`` works
+in its training builds only (https://github.com/microsoft/onnxruntime/issues/16013).  Who wants the saliency
+alone, and not the descriptors' deeper layers, needs a model that has no other output.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def with_outputs(source: str | os.PathLike[str] | bytes, outputs: Sequence[str])
     Raises
     ------
     ModelError
-        If the file can't be read, is no model, lacks one of the outputs, or has nodes with graphs of their own
-        (which may read any value from outside).
+        If the file can't be read, is no model, lacks one of the outputs, or has nodes with graphs of their
+        own (which may read any value from outside).
     """
     name = "<model bytes>" if isinstance(source, bytes) else os.fspath(source)
     try:
@@ -67,14 +67,15 @@ def _cut(data: memoryview, outputs: Sequence[str], name: str) -> bytes:
     rows = []
     position = -1
     for number, value, raw in raw_fields(data):
-        if isinstance(value, memoryview):
-            if number == _GRAPH_NODE:
-                position += 1
-                if position not in kept:
-                    continue
-            elif number == _GRAPH_INITIALIZER and Message(value).text(_TENSOR_NAME) not in needed:
-                continue
-            elif number == _GRAPH_OUTPUT and Message(value).text(_VALUE_NAME) not in outputs:
-                continue
-        rows.append(bytes(raw))
+        if number == _GRAPH_NODE:
+            position += 1
+            keep = position in kept
+        elif number == _GRAPH_INITIALIZER and isinstance(value, memoryview):
+            keep = Message(value).text(_TENSOR_NAME) in needed
+        elif number == _GRAPH_OUTPUT and isinstance(value, memoryview):
+            keep = Message(value).text(_VALUE_NAME) in outputs
+        else:
+            keep = True
+        if keep:
+            rows.append(bytes(raw))
     return b"".join(rows)

@@ -9,19 +9,22 @@ from typing import Any
 def table(report: Mapping[str, Any]) -> str:
     """The report of one run, for reading."""
     env, model, start = report["environment"], report["model"], report["start_up"]
+    used = [note for note in report["peers"].values() if note.startswith("torch ")]
+    left_out = {name: note for name, note in report["peers"].items() if note not in used}
+    usable = env["usable_cores"] or env["cores"]
     rows = [
-        f"{model['network']} {model['layer']} ({model['file']}) on {env['provider']}, {env['threads']} threads",
-        f"{env['cpu']}, {env['usable_cores'] or env['cores']} of {env['cores']} cores, "
-        f"load {env['load_average']}, {env['platform']}",
-        f"python {env['python']}, onnxruntime {env['onnxruntime']}, numpy {env['numpy']}, opencv {env['opencv']}"
-        + "".join(f", {note}" for note in report["peers"].values() if note.startswith("torch ")),
-        f"image: {report['image']}; {report['repeats']} interleaved repetitions after {report['warmup']} of warm-up",
+        f"{model['network']} {model['layer']} ({model['file']})",
+        f"{env['provider']}, {env['threads']} threads{', spinning' if report['spin'] else ''}",
+        f"{env['cpu']}, {usable} of {env['cores']} cores, load {env['load_average']}",
+        env["platform"],
+        ", ".join(f"{name} {env[name]}" for name in ("python", "onnxruntime", "numpy", "opencv"))
+        + "".join(f", {note}" for note in used),
+        f"image: {report['image']}",
+        f"{report['repeats']} interleaved repetitions after {report['warmup']} of warm-up",
         f"start-up, median of {start['processes']} fresh processes: import {1e3 * start['import_s']:.0f} ms, "
         f"load {1e3 * start['load_s']:.0f} ms",
     ]
-    rows += [
-        f"left out: {name}: {note}" for name, note in report["peers"].items() if not note.startswith("torch ")
-    ]
+    rows += [f"left out: {name}: {note}" for name, note in left_out.items()]
     for entry in report["sizes"]:
         rows += ["", *_size_rows(entry)]
     return "\n".join(rows)
@@ -44,9 +47,9 @@ def _size_rows(entry: Mapping[str, Any]) -> list[str]:
         )
     memory = entry["memory"]
     if memory["peak_detect_bytes"] is not None:
-        peaks = [memory[key] / 2**20 for key in ("peak_loaded_bytes", "peak_detect_bytes")]
+        loaded, detected = (memory[key] / 2**20 for key in ("peak_loaded_bytes", "peak_detect_bytes"))
         rows.append(
-            f"  peak memory of a fresh process: {peaks[0]:.0f} MiB loaded, {peaks[1]:.0f} MiB after a detection"
+            f"  peak memory of a fresh process: {loaded:.0f} MiB loaded, {detected:.0f} MiB detecting"
         )
     rows.append(f"  first detection of a fresh process: {1e3 * memory['first_detect_s']:.0f} ms")
     return rows

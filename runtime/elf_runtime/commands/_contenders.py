@@ -13,7 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.session import bundled_model
+from elf_runtime.image import to_pixels
+from elf_runtime.session import bundled_model, open_session
+from elf_runtime.subgraph import with_outputs
 
 Image = npt.NDArray[np.uint8]
 PEERS = ("torch", "sift", "orb")
@@ -36,53 +38,67 @@ class Contender:
     run: Callable[[], tuple[int | None, dict[str, float]]]
 
 
-def ours(elf: ElfRuntime, image: Image, file: Path) -> list[Contender]:
+def ours(elf: ElfRuntime, saliency: Callable[[Image], Any], image: Image, file: Path) -> list[Contender]:
     """Detection from an image file, stage by stage, and the saliency map alone."""
 
     def detect() -> tuple[int | None, dict[str, float]]:
         trace = elf.trace(file)
         return len(trace.features), trace.seconds
 
-    def saliency() -> tuple[int | None, dict[str, float]]:
-        elf.saliency(image, scale=1.0)
-        return None, {}
-
     return [
         Contender("elf", "ELF, decode to descriptors", detect),
-        Contender("elf_saliency", "ELF saliency alone", saliency),
+        Contender("elf_saliency", "ELF saliency alone", _map_only(saliency, image)),
     ]
+
+
+def elf_saliency(elf: ElfRuntime, model: str | None, **options: Any) -> Callable[[Image], Any]:
+    """From pixels to the saliency map, in a session without the descriptors' layers (torch has none either).
+
+    Parameters
+    ----------
+    model : path, optional
+        What `elf` was opened with.
+    **options
+        Of `open_session`.
+    """
+    contract = elf.contract
+    session, _ = open_session(with_outputs(model or bundled_model(), [contract.saliency_output]), **options)
+
+    def saliency(image: Image) -> Any:
+        pixels = to_pixels(image, contract.input)
+        return session.run([contract.saliency_output], {contract.input.name: pixels[None]})[0][0]
+
+    return saliency
 
 
 def peers(
     names: Sequence[str], image: Image, torch_saliency: Callable[[Image], Any] | None
 ) -> list[Contender]:
     """The peers among `names`: OpenCV's on the grey image, torch's autograd saliency on the colour one."""
-    gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     found = []
     if "torch" in names and torch_saliency is not None:
         found.append(
-            Contender(
-                "torch", "torch autograd, the same saliency", lambda: (_drop(torch_saliency(image)), {})
-            )
+            Contender("torch", "torch autograd, the same saliency", _map_only(torch_saliency, image))
         )
-    detectors = {
-        "sift": lambda: cv2.SIFT_create(PEER_KEYPOINTS),
-        "orb": lambda: cv2.ORB_create(PEER_KEYPOINTS),
-    }
-    for name, create in detectors.items():
+    gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    for name in ("sift", "orb"):
         if name in names:
-            found.append(
-                Contender(name, f"OpenCV {name.upper()}, 500 keypoints at most", _opencv(create(), gray))
-            )
+            detector = getattr(cv2, f"{name.upper()}_create")(PEER_KEYPOINTS)
+            title = f"OpenCV {name.upper()}, at most {PEER_KEYPOINTS} keypoints"
+            found.append(Contender(name, title, _opencv(detector, gray)))
     return found
+
+
+def _map_only(saliency: Callable[[Image], Any], image: Image) -> Callable[[], tuple[None, dict[str, float]]]:
+    def run() -> tuple[None, dict[str, float]]:
+        saliency(image)
+        return None, {}
+
+    return run
 
 
 def _opencv(detector: Any, gray: Any) -> Callable[[], tuple[int | None, dict[str, float]]]:
     return lambda: (len(detector.detectAndCompute(gray, None)[0]), {})
-
-
-def _drop(_: object) -> None:
-    return None
 
 
 def torch_peer(model: str | None, threads: int) -> tuple[Callable[[Image], Any] | None, str]:
@@ -103,7 +119,7 @@ def torch_peer(model: str | None, threads: int) -> tuple[Callable[[Image], Any] 
 
 
 def synthetic(height: int, width: int, seed: int = 0) -> Image:
-    """A textured image from a fixed seed: noise of several scales, under rectangles and discs with sharp corners.
+    """A textured image from a fixed seed: noise of several scales, under rectangles and discs.
 
     Returns
     -------

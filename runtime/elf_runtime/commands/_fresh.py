@@ -1,4 +1,4 @@
-"""What only a fresh process can tell (import time, load time, peak memory), and where it was measured."""
+"""What only a fresh process can tell (import and load time, peak memory), and the environment."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ import onnxruntime as ort
 import elf_runtime
 from elf_runtime.errors import ElfError
 
-# The kernel's own high-water mark of the address space where there is one: Linux hands ru_maxrss on to a child
-# across fork and exec, so that a small process started by a large one would report the parent's.
+# Peak memory is the kernel's high-water mark of the address space, where there is one: Linux hands ru_maxrss
+# on across fork and exec, so that a small process started by a large one would report the large one's.
 _SCRIPT = """
 import json, sys, time
 start = time.perf_counter()
@@ -63,7 +63,7 @@ def start_up(model: str | None, provider: str | None, threads: int, repeats: int
 def peak_memory(
     model: str | None, provider: str | None, threads: int, size: tuple[int, int]
 ) -> dict[str, float | None]:
-    """Peak resident bytes of a fresh process: model loaded, and after one detection at `size` (height, width)."""
+    """Peak resident bytes of a fresh process: model loaded, and after a detection at `size` (H, W)."""
     run = _run(model, provider, threads, size)
     return {key: run[key] for key in ("peak_loaded_bytes", "peak_detect_bytes", "first_detect_s")}
 

@@ -8,7 +8,6 @@ import dataclasses
 import json
 import sys
 import tempfile
-import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,15 +22,16 @@ from elf_runtime.statistics import paired_ratio, summary
 
 from . import _common
 from ._bench_table import table
-from ._contenders import PEERS, Contender, Image, ours, peers, synthetic, torch_peer
+from ._contenders import PEERS, Image, elf_saliency, ours, peers, synthetic, torch_peer
 from ._fresh import environment, peak_memory, start_up, usable_cores
+from ._timing import interleaved
 
 DESCRIPTION = """\
 Time a model stage by stage, beside other detectors where they are installed.
 
-Every repetition runs each contender once, in an order that rotates, so that what slows the machine for a while slows
-all of them; ratios are medians over the repetitions' pairs, with a bootstrap interval of 95 %. Import time, load time
-and peak memory come from fresh processes.
+Every repetition runs each contender once, in an order that rotates, so that what slows the machine for a
+while slows all of them; ratios are medians over the repetitions' pairs, with a bootstrap interval of 95 %.
+Import time, load time and peak memory come from fresh processes.
 
 stages of ELF
   read         the image file decoded (a PNG of the image)
@@ -44,7 +44,7 @@ stages of ELF
 
 EPILOG = """\
 peers
-  torch        the same saliency by torch's autograd, with the weights inside the model (needs elf-onnx[export])
+  torch        the same saliency by torch's autograd, with the model's weights (needs elf-onnx[export])
   sift, orb    OpenCV's, detectAndCompute on the grey image, at most 500 keypoints"""
 
 
@@ -79,12 +79,15 @@ def build_parser() -> argparse.ArgumentParser:
         "--peers", metavar="NAME,...", help="of torch, sift, orb, or none; default: those installed"
     )
     parser.add_argument(
-        "--torch-model", metavar="FILE", help="ELF model with float weights for torch; default: --model"
+        "--torch-model", metavar="FILE", help="ELF model whose weights torch takes; default: --model"
     )
     parser.add_argument(
         "--json", metavar="FILE", help="write everything, samples included; - is standard output"
     )
     _common.add_model_options(parser)
+    parser.add_argument(
+        "--spin", action="store_true", help="let the network's idle threads spin: faster, hotter"
+    )
     return parser
 
 
@@ -106,7 +109,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _work(args: argparse.Namespace) -> int:
     wanted = _peer_names(args.peers)
     args.threads = args.threads or usable_cores()
-    elf = _common.open_runtime(args)
+    elf = ElfRuntime(args.model, providers=args.provider, threads=args.threads, spin=args.spin)
     photo = displayable(images.read(args.image)) if args.image else None
     report: dict[str, Any] = {
         "model": {
@@ -118,6 +121,7 @@ def _work(args: argparse.Namespace) -> int:
         "environment": environment(args.threads, elf.providers[0]),
         "repeats": args.repeats,
         "warmup": args.warmup,
+        "spin": args.spin,
         "start_up": start_up(args.model, args.provider, args.threads, args.processes),
         "sizes": [],
         "peers": {},
@@ -166,10 +170,12 @@ def _measure(
     elf: ElfRuntime, image: Image, wanted: Sequence[str], torch_saliency: Any, args: argparse.Namespace
 ) -> dict[str, Any]:
     """All contenders on one image: samples in seconds, their percentiles, and ratios."""
+    options = {"providers": args.provider, "threads": args.threads, "spin": args.spin}
+    saliency = elf_saliency(elf, args.model, **options)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "image.png"
         _common.write_picture(file, image)
-        contenders = [*ours(elf, image, file), *peers(wanted, image, torch_saliency)]
+        contenders = [*ours(elf, saliency, image, file), *peers(wanted, image, torch_saliency)]
         samples, keypoints = interleaved(contenders, args.warmup, args.repeats)
     ratios = {}
     for first, second in (("elf_saliency", "torch"), ("elf", "sift"), ("elf", "orb")):
@@ -185,47 +191,9 @@ def _measure(
         "samples": samples,
     }
     if torch_saliency is not None:
-        reference, found = torch_saliency(image), elf.saliency(image, scale=1.0)
+        reference, found = torch_saliency(image), saliency(image)
         entry["saliency_agreement"] = float(np.mean(np.abs(found - reference) <= 1e-4 * reference.max()))
     return entry
-
-
-def interleaved(
-    contenders: Sequence[Contender], warmup: int, repeats: int
-) -> tuple[dict[str, list[float]], dict[str, int]]:
-    """Run every contender once a round, in rotating order.
-
-    Returns
-    -------
-    samples : dict
-        Contender, or ``contender.stage`` -> seconds of each repetition.
-    keypoints : dict
-        Contender -> number of keypoints, of those that find any.
-    """
-    samples: dict[str, list[float]] = {}
-    keypoints: dict[str, int] = {}
-    for turn in range(warmup + repeats):
-        first = turn % len(contenders)
-        for contender in [*contenders[first:], *contenders[:first]]:
-            # Threads that spin after their work (OpenMP's do for milliseconds) must not take the next one's cores.
-            time.sleep(0.01)
-            start = time.perf_counter()
-            count, stages = contender.run()
-            total = time.perf_counter() - start
-            if turn < warmup:
-                continue
-            samples.setdefault(contender.name, []).append(total)
-            for stage, seconds in with_sum(stages).items():
-                samples.setdefault(f"{contender.name}.{stage}", []).append(seconds)
-            if count is not None:
-                keypoints[contender.name] = count
-    return samples, keypoints
-
-
-def with_sum(stages: dict[str, float]) -> dict[str, float]:
-    """`stages`, and the sum of what follows the network in each detection (their percentiles would not add up)."""
-    after = [stages[name] for name in ("blur", "threshold", "nms", "descriptors") if name in stages]
-    return {**stages, "post-processing": sum(after)} if after else stages
 
 
 if __name__ == "__main__":
