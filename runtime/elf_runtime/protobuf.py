@@ -1,8 +1,8 @@
-"""A reader of protobuf's wire format, as much of it as an .onnx file needs.
+"""Protobuf's wire format, as much of it as an .onnx file needs.
 
 On the wire a message is a row of fields: a varint key ``number << 3 | type``, then by type a varint (0),
-8 bytes (1), a length and that many bytes (2: text, submessage, packed numbers), or 4 bytes (5).  Which numbers
-mean what stands in the .proto file; a reader that knows those it wants skips all others.
+8 bytes (1), a length and that many bytes (2: text, submessage, packed numbers), or 4 bytes (5).  Which
+numbers mean what stands in the .proto file; a reader that knows those it wants skips all others.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Message:
 
     def __init__(self, data: memoryview) -> None:
         self._fields: dict[int, list[int | memoryview]] = {}
-        for number, value in _fields(data):
+        for number, value, _ in raw_fields(data):
             self._fields.setdefault(number, []).append(value)
 
     def __contains__(self, number: int) -> bool:
@@ -65,16 +65,23 @@ class Message:
         return (self.integers(number) or [0])[-1]
 
 
-def _fields(data: memoryview) -> Iterator[tuple[int, int | memoryview]]:
+def encoded(number: int, payload: bytes) -> bytes:
+    """A field of wire type 2 as bytes: a submessage, or text."""
+    return _encoded_varint(number << 3 | 2) + _encoded_varint(len(payload)) + payload
+
+
+def raw_fields(data: memoryview) -> Iterator[tuple[int, int | memoryview, memoryview]]:
+    """The fields of a message in file order: number, value, and all of the field's bytes, key included."""
     at = 0
     while at < len(data):
+        start = at
         key, at = _varint(data, at)
         number, kind = key >> 3, key & 7
         if number == 0:
             raise WireError("a field has the number 0")
         if kind == 0:
             value, at = _varint(data, at)
-            yield number, value
+            yield number, value, data[start:at]
             continue
         if kind == 2:
             length, at = _varint(data, at)
@@ -84,7 +91,7 @@ def _fields(data: memoryview) -> Iterator[tuple[int, int | memoryview]]:
             raise WireError(f"field {number} is of the unknown wire type {kind}")
         if length > len(data) - at:
             raise WireError(f"field {number} needs {length} bytes, {len(data) - at} are left")
-        yield number, data[at : at + length]
+        yield number, data[at : at + length], data[start : at + length]
         at += length
 
 
@@ -100,3 +107,11 @@ def _varint(data: memoryview, at: int) -> tuple[int, int]:
         if byte < 0x80:
             return value & (2**64 - 1), at
     raise WireError("a number has more than ten bytes")
+
+
+def _encoded_varint(value: int) -> bytes:
+    low = bytearray()
+    while value > 0x7F:
+        low.append(value & 0x7F | 0x80)
+        value >>= 7
+    return bytes([*low, value])

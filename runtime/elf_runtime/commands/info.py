@@ -6,8 +6,7 @@ import argparse
 import dataclasses
 import json
 import sys
-import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +19,14 @@ from elf_runtime.onnx_file import OnnxFile, Tensor, read_onnx
 from elf_runtime.session import bundled_model, open_session, resolve_providers
 
 from . import _common
+from ._info_text import report_text
 
 DESCRIPTION = """\
 Show what an ELF model is: its network and layer, descriptors, default detection settings, the origin of its
 weights, the ops and tensors of its graph, its arithmetic, and which of the installed execution providers run
 every op of it.
 
-The providers are measured: the model runs once on a small image, and ONNX Runtime's profile says which provider
+The providers are measured: the model runs once on a small image, and ONNX Runtime's profile says which one
 executed each node. The ops counted there are those after ONNX Runtime's fusions and layout changes."""
 
 EPILOG = """\
@@ -65,7 +65,7 @@ def _work(args: argparse.Namespace) -> int:
         }
     except ElfError as error:
         failure = error
-    print(json.dumps(report, indent=2) if args.json else _text(report, coverages))
+    print(json.dumps(report, indent=2) if args.json else report_text(report, coverages))
     if failure is not None:
         sys.stdout.flush()
         _common.report("elf-info", failure)
@@ -106,98 +106,6 @@ def _graph(file: OnnxFile) -> dict[str, Any]:
         "ops": file.op_counts(),
         "stored": by_dtype,
     }
-
-
-def _text(report: Mapping[str, Any], coverages: Sequence[Coverage]) -> str:
-    rows = [f"{report['file']}  ({_size(report['bytes'])})"]
-    if "contract" in report:
-        rows += _contract_rows(report["contract"], report["gflop_per_megapixel"])
-    graph = report["graph"]
-    opsets = ", ".join(f"{domain} {version}" for domain, version in graph["opsets"].items())
-    form = f"IR {graph['ir_version']}, opset {opsets}; {graph['producer']}".rstrip("; ")
-    rows += ["", "graph", _row("format", form)]
-    for kind in ("inputs", "outputs"):
-        rows += [
-            _row(kind[:-1], f"{name}  {tensor['dtype']} ({', '.join(map(str, tensor['dims']))})")
-            for name, tensor in graph[kind].items()
-        ]
-    for dtype, entry in graph["stored"].items():
-        size = f"{entry['values']:,} values in {entry['tensors']} tensors, {_size(entry['bytes'])}"
-        rows.append(_row(f"stored {dtype}", size))
-    rows.append(_row("ops", f"{sum(graph['ops'].values())} nodes: {_counts(graph['ops'])}"))
-    if coverages:
-        rows += ["", f"execution providers (onnxruntime {ort.__version__})"]
-        rows += [_row(c.provider.removesuffix("ExecutionProvider"), _coverage(c)) for c in coverages]
-    return "\n".join(rows)
-
-
-def _contract_rows(contract: Mapping[str, Any], gflop: Mapping[str, float]) -> list[str]:
-    spec, weights = contract["input"], contract["weights"]
-    rows = ["", "model"]
-    rows.append(
-        _row("network, layer", f"{contract['network']} {contract['layer']}, stride {contract['stride']:g}")
-    )
-    for d in contract["descriptors"] or [None]:
-        text = f"{d['layer']}: {d['dim']} values, a cell every {d['stride']:g} pixels" if d else "none"
-        rows.append(_row("descriptor", text))
-    pixels = (
-        f"{spec['color']} pixels 0..{spec['value_range']:g}, at least {spec['min_size']}x{spec['min_size']}"
-    )
-    rows.append(_row("input", f"{spec['dtype']} {spec['layout']}, {pixels}"))
-    rows.append(_row("preprocessing", contract["preprocessing"] or "not recorded"))
-    rows.append(_row("precision", contract["precision"]))
-    origin = [weights["source"], f"licence {weights['licence']}" if weights["licence"] else ""]
-    rows.append(_row("weights", ", ".join(filter(None, origin)) or "not recorded"))
-    if weights["sha256"]:
-        rows.append(_row("sha256", weights["sha256"]))
-    rows.append(_row("detection", ", ".join(f"{k} {_short(v)}" for k, v in contract["detection"].items())))
-    if "params" in contract["cost"]:
-        rows.append(_row("parameters", f"{int(contract['cost']['params']):,}"))
-    costs = [f"{value:.1f} GFLOP per megapixel ({name})" for name, value in gflop.items()]
-    rows.append(_row("arithmetic", ", ".join(costs) or "not recorded"))
-    for key in ("parity", "versions"):
-        if contract[key]:
-            rows.append(_row(key, ", ".join(f"{k} {_short(v)}" for k, v in contract[key].items())))
-    if contract["command"]:
-        rows.append(_row("made by", contract["command"]))
-    return rows
-
-
-def _coverage(coverage: Coverage) -> str:
-    if coverage.error:
-        return f"can't run it: {coverage.error}"
-    if coverage.complete:
-        return f"runs every op ({sum(coverage.ran.values())} executed nodes)"
-    others = "; ".join(f"{name} runs {_counts(ops)}" for name, ops in coverage.elsewhere.items())
-    if not coverage.ran:
-        return f"runs no op; all is left to {', '.join(coverage.elsewhere) or 'nobody'}"
-    return f"runs {_counts(coverage.ran)}; {others}"
-
-
-def _counts(ops: Mapping[str, int]) -> str:
-    return ", ".join(f"{op} {count}" for op, count in ops.items())
-
-
-def _short(value: Any) -> str:
-    if isinstance(value, (list, tuple)):
-        return "(" + ", ".join(_short(v) for v in value) + ")"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _size(count: int) -> str:
-    return f"{count / 1e6:.2f} MB" if count >= 100_000 else f"{count / 1e3:.1f} kB"
-
-
-def _row(label: str, text: str) -> str:
-    head = f"  {label:<16} "
-    return textwrap.fill(
-        text,
-        110,
-        initial_indent=head,
-        subsequent_indent=" " * len(head),
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
 
 
 if __name__ == "__main__":

@@ -1,0 +1,55 @@
+"""elf-bench's report as text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+
+def table(report: Mapping[str, Any]) -> str:
+    """The report of one run, for reading."""
+    env, model, start = report["environment"], report["model"], report["start_up"]
+    used = [note for note in report["peers"].values() if note.startswith("torch ")]
+    left_out = {name: note for name, note in report["peers"].items() if note not in used}
+    usable = env["usable_cores"] or env["cores"]
+    rows = [
+        f"{model['network']} {model['layer']} ({model['file']})",
+        f"{env['provider']}, {env['threads']} threads{', spinning' if report['spin'] else ''}",
+        f"{env['cpu']}, {usable} of {env['cores']} cores, load {env['load_average']}",
+        env["platform"],
+        ", ".join(f"{name} {env[name]}" for name in ("python", "onnxruntime", "numpy", "opencv"))
+        + "".join(f", {note}" for note in used),
+        f"image: {report['image']}",
+        f"{report['repeats']} interleaved repetitions after {report['warmup']} of warm-up",
+        f"start-up, median of {start['processes']} fresh processes: import {1e3 * start['import_s']:.0f} ms, "
+        f"load {1e3 * start['load_s']:.0f} ms",
+    ]
+    rows += [f"left out: {name}: {note}" for name, note in left_out.items()]
+    for entry in report["sizes"]:
+        rows += ["", *_size_rows(entry)]
+    return "\n".join(rows)
+
+
+def _size_rows(entry: Mapping[str, Any]) -> list[str]:
+    rows = [f"{entry['height']}x{entry['width']}" + f"{'p50':>37}{'p95':>10}{'p99':>10} ms   keypoints"]
+    for name, seconds in entry["seconds"].items():
+        owner, _, stage = name.partition(".")
+        label = f"    {stage}" if stage else f"  {entry['titles'][owner]}"
+        times = "".join(f"{1e3 * seconds[p]:10.2f}" for p in ("p50", "p95", "p99"))
+        count = "" if stage or owner not in entry["keypoints"] else f"{entry['keypoints'][owner]:15d}"
+        rows.append(f"{label:<36}{times}{count}")
+    for name, ratio in entry["ratios"].items():
+        rows.append(f"  {name}: {ratio['value']:.3g} [{ratio['low']:.3g}, {ratio['high']:.3g}]")
+    if "saliency_agreement" in entry:
+        share = 100 * entry["saliency_agreement"]
+        rows.append(
+            f"  ELF's saliency and torch's agree to 1e-4 of the maximum at {share:.2f} % of the pixels"
+        )
+    memory = entry["memory"]
+    if memory["peak_detect_bytes"] is not None:
+        loaded, detected = (memory[key] / 2**20 for key in ("peak_loaded_bytes", "peak_detect_bytes"))
+        rows.append(
+            f"  peak memory of a fresh process: {loaded:.0f} MiB loaded, {detected:.0f} MiB detecting"
+        )
+    rows.append(f"  first detection of a fresh process: {1e3 * memory['first_detect_s']:.0f} ms")
+    return rows

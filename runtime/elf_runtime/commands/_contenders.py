@@ -1,0 +1,142 @@
+"""What elf-bench times, and the image that it times it on."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from elf_runtime.engine import ElfRuntime
+from elf_runtime.image import to_pixels
+from elf_runtime.session import bundled_model, open_session
+from elf_runtime.subgraph import with_outputs
+
+Image = npt.NDArray[np.uint8]
+PEERS = ("torch", "sift", "orb")
+PEER_KEYPOINTS = 500
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One thing to time.
+
+    Attributes
+    ----------
+    run : function
+        Does the work once; returns the number of keypoints (None for a saliency map alone) and the seconds of
+        each stage (empty where there are none).
+    """
+
+    name: str
+    title: str
+    run: Callable[[], tuple[int | None, dict[str, float]]]
+
+
+def ours(elf: ElfRuntime, saliency: Callable[[Image], Any], image: Image, file: Path) -> list[Contender]:
+    """Detection from an image file, stage by stage, and the saliency map alone."""
+
+    def detect() -> tuple[int | None, dict[str, float]]:
+        trace = elf.trace(file)
+        return len(trace.features), trace.seconds
+
+    return [
+        Contender("elf", "ELF, decode to descriptors", detect),
+        Contender("elf_saliency", "ELF saliency alone", _map_only(saliency, image)),
+    ]
+
+
+def elf_saliency(elf: ElfRuntime, model: str | None, **options: Any) -> Callable[[Image], Any]:
+    """From pixels to the saliency map, in a session without the descriptors' layers (torch has none either).
+
+    Parameters
+    ----------
+    model : path, optional
+        What `elf` was opened with.
+    **options
+        Of `open_session`.
+    """
+    contract = elf.contract
+    session, _ = open_session(with_outputs(model or bundled_model(), [contract.saliency_output]), **options)
+
+    def saliency(image: Image) -> Any:
+        pixels = to_pixels(image, contract.input)
+        return session.run([contract.saliency_output], {contract.input.name: pixels[None]})[0][0]
+
+    return saliency
+
+
+def peers(
+    names: Sequence[str], image: Image, torch_saliency: Callable[[Image], Any] | None
+) -> list[Contender]:
+    """The peers among `names`: OpenCV's on the grey image, torch's autograd saliency on the colour one."""
+    found = []
+    if "torch" in names and torch_saliency is not None:
+        found.append(
+            Contender("torch", "torch autograd, the same saliency", _map_only(torch_saliency, image))
+        )
+    gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    for name in ("sift", "orb"):
+        if name in names:
+            detector = getattr(cv2, f"{name.upper()}_create")(PEER_KEYPOINTS)
+            title = f"OpenCV {name.upper()}, at most {PEER_KEYPOINTS} keypoints"
+            found.append(Contender(name, title, _opencv(detector, gray)))
+    return found
+
+
+def _map_only(saliency: Callable[[Image], Any], image: Image) -> Callable[[], tuple[None, dict[str, float]]]:
+    def run() -> tuple[None, dict[str, float]]:
+        saliency(image)
+        return None, {}
+
+    return run
+
+
+def _opencv(detector: Any, gray: Any) -> Callable[[], tuple[int | None, dict[str, float]]]:
+    return lambda: (len(detector.detectAndCompute(gray, None)[0]), {})
+
+
+def torch_peer(model: str | None, threads: int) -> tuple[Callable[[Image], Any] | None, str]:
+    """The saliency function that `elf_export.torch_reference` rebuilds from the model, or why there is none.
+
+    The exporter is asked for by name and only here: the runtime neither needs nor imports it, or torch.
+    """
+    try:
+        reference = importlib.import_module("elf_export.torch_reference")
+        torch = importlib.import_module("torch")
+    except ImportError as error:
+        return None, f"not installed ({error.name})"
+    torch.set_num_threads(threads)
+    try:
+        return reference.load(model or bundled_model()), f"torch {torch.__version__}"
+    except Exception as error:  # the exporter's errors can't be named here
+        return None, str(error)
+
+
+def synthetic(height: int, width: int, seed: int = 0) -> Image:
+    """A textured image from a fixed seed: noise of several scales, under rectangles and discs.
+
+    Returns
+    -------
+    (height, width, 3) uint8, BGR
+    """
+    rng = np.random.default_rng(seed)
+    total = np.zeros((height, width, 3), np.float32)
+    for cell, weight in ((64, 1.0), (16, 0.6), (4, 0.35)):
+        coarse = rng.standard_normal((height // cell + 2, width // cell + 2, 3)).astype(np.float32)
+        total += weight * cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
+    image: Image = np.clip(128 + 40 * total, 0, 255).astype(np.uint8)
+    for _ in range(max(8, height * width // 4000)):
+        x, y = int(rng.integers(0, width)), int(rng.integers(0, height))
+        w, h = (int(v) for v in rng.integers(6, 60, 2))
+        color = tuple(int(v) for v in rng.integers(0, 256, 3))
+        if rng.random() < 0.7:
+            cv2.rectangle(image, (x, y), (x + w, y + h), color, -1)
+        else:
+            cv2.circle(image, (x, y), w // 2, color, -1, cv2.LINE_AA)
+    return image

@@ -1,0 +1,200 @@
+"""elf-bench: latency, memory and start-up time of a model, beside other detectors in the same run."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import json
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from elf_runtime import image as images
+from elf_runtime.engine import ElfRuntime
+from elf_runtime.render import displayable
+from elf_runtime.statistics import paired_ratio, summary
+
+from . import _common
+from ._bench_table import table
+from ._contenders import PEERS, Image, elf_saliency, ours, peers, synthetic, torch_peer
+from ._fresh import environment, peak_memory, start_up, usable_cores
+from ._timing import interleaved
+
+DESCRIPTION = """\
+Time a model stage by stage, beside other detectors where they are installed.
+
+Every repetition runs each contender once, in an order that rotates, so that what slows the machine for a
+while slows all of them; ratios are medians over the repetitions' pairs, with a bootstrap interval of 95 %.
+Import time, load time and peak memory come from fresh processes.
+
+stages of ELF
+  read         the image file decoded (a PNG of the image)
+  prepare      to float32 pixels at the working scale
+  session      the network: preprocessing, saliency and descriptor map, in ONNX Runtime
+  blur         normalisation, and the two Gaussian blurs of the saliency
+  threshold    the histogram's level, and what passes it
+  nms          non-maximum suppression
+  descriptors  the map interpolated at the keypoints, unit length"""
+
+EPILOG = """\
+peers
+  torch        the same saliency by torch's autograd, with the model's weights (needs elf-onnx[export])
+  sift, orb    OpenCV's, detectAndCompute on the grey image, at most 500 keypoints"""
+
+
+def build_parser() -> argparse.ArgumentParser:
+    parser = _common.new_parser("elf-bench", DESCRIPTION, EPILOG)
+    parser.add_argument(
+        "--sizes",
+        type=sizes,
+        default=[(480, 640)],
+        metavar="HxW,...",
+        help="image sizes, height x width; default: 480x640",
+    )
+    parser.add_argument(
+        "--image",
+        metavar="FILE",
+        help="photograph to resize; default: a synthetic textured image from a fixed seed",
+    )
+    parser.add_argument(
+        "--repeats", type=_common.positive, default=20, metavar="N", help="repetitions; default: 20"
+    )
+    parser.add_argument(
+        "--warmup", type=_common.positive, default=3, metavar="N", help="rounds before; default: 3"
+    )
+    parser.add_argument(
+        "--processes",
+        type=_common.positive,
+        default=5,
+        metavar="N",
+        help="fresh processes for start-up; default: 5",
+    )
+    parser.add_argument(
+        "--peers", metavar="NAME,...", help="of torch, sift, orb, or none; default: those installed"
+    )
+    parser.add_argument(
+        "--torch-model", metavar="FILE", help="ELF model whose weights torch takes; default: --model"
+    )
+    parser.add_argument(
+        "--json", metavar="FILE", help="write everything, samples included; - is standard output"
+    )
+    _common.add_model_options(parser)
+    parser.add_argument(
+        "--spin", action="store_true", help="let the network's idle threads spin: faster, hotter"
+    )
+    return parser
+
+
+def sizes(text: str) -> list[tuple[int, int]]:
+    """An argparse type: ``480x640,240x320``."""
+    found = []
+    for item in text.split(","):
+        height, x, width = item.strip().partition("x")
+        if not (x and height.isdigit() and width.isdigit() and int(height) and int(width)):
+            raise argparse.ArgumentTypeError(f"{item!r} is not HEIGHTxWIDTH")
+        found.append((int(height), int(width)))
+    return found
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    return _common.run(build_parser(), _work, argv)
+
+
+def _work(args: argparse.Namespace) -> int:
+    wanted = _peer_names(args.peers)
+    args.threads = args.threads or usable_cores()
+    elf = ElfRuntime(args.model, providers=args.provider, threads=args.threads, spin=args.spin)
+    photo = displayable(images.read(args.image)) if args.image else None
+    report: dict[str, Any] = {
+        "model": {
+            "file": args.model or "bundled",
+            "network": elf.contract.network,
+            "layer": elf.contract.layer,
+        },
+        "image": args.image or "synthetic, seed 0",
+        "environment": environment(args.threads, elf.providers[0]),
+        "repeats": args.repeats,
+        "warmup": args.warmup,
+        "spin": args.spin,
+        "start_up": start_up(args.model, args.provider, args.threads, args.processes),
+        "sizes": [],
+        "peers": {},
+    }
+    torch_saliency = None
+    with _opencv_threads(args.threads):
+        if "torch" in wanted:
+            torch_saliency, note = torch_peer(args.torch_model or args.model, args.threads)
+            report["peers"]["torch"] = note
+            if torch_saliency is None and args.peers:
+                raise _common.UsageError(f"--peers torch: {note}")
+        for height, width in args.sizes:
+            image = synthetic(height, width) if photo is None else cv2.resize(photo, (width, height))
+            entry = _measure(elf, image, wanted, torch_saliency, args)
+            entry["memory"] = peak_memory(args.model, args.provider, args.threads, (height, width))
+            report["sizes"].append(entry)
+    print(table(report), file=sys.stderr if args.json == "-" else sys.stdout)
+    if args.json:
+        text = json.dumps(report, indent=1) + "\n"
+        if args.json == "-":
+            sys.stdout.write(text)
+        else:
+            _common.write_text(Path(args.json), text)
+    return 0
+
+
+def _peer_names(text: str | None) -> list[str]:
+    names = list(PEERS) if text is None else [] if text == "none" else [n.strip() for n in text.split(",")]
+    for name in names:
+        if name not in PEERS:
+            raise _common.UsageError(f"--peers: unknown peer {name!r}; known are {', '.join(PEERS)}, or none")
+    return names
+
+
+@contextlib.contextmanager
+def _opencv_threads(count: int) -> Iterator[None]:
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(count)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+def _measure(
+    elf: ElfRuntime, image: Image, wanted: Sequence[str], torch_saliency: Any, args: argparse.Namespace
+) -> dict[str, Any]:
+    """All contenders on one image: samples in seconds, their percentiles, and ratios."""
+    options = {"providers": args.provider, "threads": args.threads, "spin": args.spin}
+    saliency = elf_saliency(elf, args.model, **options)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "image.png"
+        _common.write_picture(file, image)
+        contenders = [*ours(elf, saliency, image, file), *peers(wanted, image, torch_saliency)]
+        samples, keypoints = interleaved(contenders, args.warmup, args.repeats)
+    ratios = {}
+    for first, second in (("elf_saliency", "torch"), ("elf", "sift"), ("elf", "orb")):
+        if second in samples:
+            ratios[f"{first} / {second}"] = dataclasses.asdict(paired_ratio(samples[first], samples[second]))
+    entry: dict[str, Any] = {
+        "height": image.shape[0],
+        "width": image.shape[1],
+        "keypoints": keypoints,
+        "titles": {c.name: c.title for c in contenders},
+        "seconds": {name: dataclasses.asdict(summary(values)) for name, values in samples.items()},
+        "ratios": ratios,
+        "samples": samples,
+    }
+    if torch_saliency is not None:
+        reference, found = torch_saliency(image), saliency(image)
+        entry["saliency_agreement"] = float(np.mean(np.abs(found - reference) <= 1e-4 * reference.max()))
+    return entry
+
+
+if __name__ == "__main__":
+    sys.exit(main())

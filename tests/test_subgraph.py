@@ -1,0 +1,50 @@
+"""A model cut down to some outputs computes the same, with less."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elf_runtime import ModelError
+from elf_runtime.onnx_file import read_onnx
+from elf_runtime.session import open_session
+from elf_runtime.subgraph import with_outputs
+
+TINY = Path(__file__).parent / "data" / "tiny.onnx"
+
+
+@pytest.mark.parametrize("name", ["saliency", "descriptors_relu2", "descriptors_pool1"])
+def test_the_kept_output_is_the_same(name: str) -> None:
+    image = np.random.default_rng(0).uniform(0, 255, (1, 48, 64, 3)).astype(np.float32)
+    whole, part = (open_session(source, threads=1)[0] for source in (TINY, with_outputs(TINY, [name])))
+    assert [output.name for output in part.get_outputs()] == [name]
+    np.testing.assert_array_equal(
+        part.run([name], {"image": image})[0], whole.run([name], {"image": image})[0]
+    )
+
+
+def test_what_the_output_does_not_need_is_gone() -> None:
+    whole, part = read_onnx(TINY), read_onnx(with_outputs(TINY, ["saliency"]))
+    assert "conv2.weight" in {t.name for t in whole.initializers}
+    assert "conv2.weight" not in {t.name for t in part.initializers}
+    assert part.op_counts()["Conv"] == whole.op_counts()["Conv"] - 1
+    assert part.metadata == whole.metadata
+    assert part.inputs == whole.inputs
+
+
+def test_all_outputs_are_the_whole_model() -> None:
+    whole = read_onnx(TINY)
+    assert read_onnx(with_outputs(TINY, [output.name for output in whole.outputs])) == whole
+
+
+def test_an_unknown_output_is_named() -> None:
+    with pytest.raises(ModelError, match=r"has no output 'depth'.*saliency"):
+        with_outputs(TINY, ["depth"])
+
+
+@pytest.mark.parametrize("data", [b"text\n", TINY.read_bytes()[:5000]])
+def test_no_model_is_a_model_error(data: bytes) -> None:
+    with pytest.raises(ModelError, match="not an ONNX model"):
+        with_outputs(data, ["saliency"])
