@@ -23,28 +23,44 @@ Array64 = npt.NDArray[np.float64]
 Reference = Callable[[Array], Array64]
 """(N, H, W, C) float32 raw pixels -> (N, H, W) float64 saliency."""
 
-# At a small share of pixels a ReLU or a pooling window switches between float32 and float64, and S differs
-# there; everywhere else it agrees to float32's rounding.  torch's own float32 switches as often.
-ROUNDING = 1e-4  # of max S
-SHARE = 1e-2  # of the pixels may differ by more: one switch at pool2 touches 16x16, 0.33 % of a 320x240 image
-SWITCHED = 0.1  # of max S, at those pixels: a switched window moves its gradient to the neighbouring pixel
-KEYPOINTS = 0.99  # of the keypoints are identical
+# Where a ReLU or a pooling window switches between float32 and float64, S differs over that unit's receptive
+# field (torch's own float32 switches as often); everywhere else it agrees to float32's rounding, about 3e-7.
+# All errors are fractions of max S.
+ROUNDING = 1e-4
+MEDIAN = 1e-5  # half of the pixels are off by less: a wrong factor anywhere in the graph is seen here
+MOST = 1e-2  # 99 % of the pixels are off by less
+KEYPOINTS = 0.99  # of the keypoints are identical; one may always differ
+
+@dataclass(frozen=True)
+class Error:
+    """How far a saliency map is off, in fractions of the reference's maximum.
+
+    Attributes
+    ----------
+    median, most, largest : the 50th, 99th and 100th percentile over the pixels
+    share : of the pixels off by more than 1e-4
+    """
+
+    median: float
+    most: float
+    largest: float
+    share: float
 
 
 @dataclass(frozen=True)
 class Check:
-    """Agreement on one image; errors are fractions of the reference's maximum."""
+    """Agreement on one image."""
 
     image: str
     size: str
-    largest: float
-    share: float
+    error: Error
     keypoints: int
     agreeing: float
 
     @property
     def passed(self) -> bool:
-        return self.largest <= SWITCHED and self.share <= SHARE and self.agreeing >= KEYPOINTS
+        same = self.agreeing >= min(KEYPOINTS, 1 - 1 / max(self.keypoints, 1))
+        return self.error.median <= MEDIAN and self.error.most <= MOST and same
 
 
 def verify(model: onnx.ModelProto, reference: Reference, channels: int, params: DetectionParams) -> list[Check]:
@@ -58,7 +74,7 @@ def verify(model: onnx.ModelProto, reference: Reference, channels: int, params: 
     session, _ = open_session(model.SerializeToString())
     name = session.get_inputs()[0].name
     checks = []
-    for height, width in ((240, 320), (241, 319)):
+    for height, width in ((176, 240), (177, 239)):
         images = probe_images(height, width, channels)
         batch = np.stack([image for _, image in images])
         found = session.run([SALIENCY], {name: batch})[0]
@@ -73,38 +89,42 @@ def require(checks: Iterable[Check]) -> None:
     failed = [check for check in checks if not check.passed]
     if failed:
         raise VerificationError(
-            f"the graph disagrees with its reference on {len(failed)} image(s); allowed are {SHARE:.1%} of the "
-            f"pixels off by more than {ROUNDING:g} of max S, none by more than {SWITCHED:g}, and "
-            f"{KEYPOINTS:.0%} of the keypoints must be the same. No file was written."
+            f"the graph disagrees with its reference on {len(failed)} image(s); wanted are a median error of at "
+            f"most {MEDIAN:g} of max S, 99 % of the pixels within {MOST:g}, and {KEYPOINTS:.0%} of the keypoints "
+            "the same. No file was written."
         )
 
 
 def table(checks: Sequence[Check]) -> str:
     """The checks as a small text table."""
-    head = f"{'image':<10}{'size':>10}{'max error':>12}{'share off':>12}{'keypoints':>12}{'the same':>11}"
-    rows = [
-        f"{c.image:<10}{c.size:>10}{c.largest:>12.1e}{c.share:>12.3%}{c.keypoints:>12}{c.agreeing:>11.1%}"
-        for c in checks
-    ]
-    return "\n".join([head, *rows])
+    rows = ["error of S / max S in float32   median      99 %   largest   > 1e-4   keypoints  the same"]
+    for c in checks:
+        e = c.error
+        rows.append(
+            f"{c.image:<18}{c.size:>12} {e.median:>9.1e} {e.most:>9.1e} {e.largest:>9.1e} {e.share:>8.2%}"
+            f" {c.keypoints:>11} {c.agreeing:>9.1%}"
+        )
+    return "\n".join(rows)
 
 
 def parity(checks: Sequence[Check]) -> dict[str, float]:
     """The worst of the checks, for the contract."""
     return {
-        "max_error": max(c.largest for c in checks),
-        "share_above_1e-4": max(c.share for c in checks),
+        "median_error": max(c.error.median for c in checks),
+        "max_error": max(c.error.largest for c in checks),
+        "share_above_1e-4": max(c.error.share for c in checks),
         "keypoint_agreement": min(c.agreeing for c in checks),
     }
 
 
-def compare(found: Array, wanted: Array64) -> tuple[float, float]:
-    """(largest error, share of pixels off by more than 1e-4), as fractions of the reference's maximum."""
+def compare(found: Array, wanted: Array64) -> Error:
+    """The error of one map, (H, W) against (H, W)."""
     top = max(float(wanted.max()), np.finfo(np.float32).tiny)
     error = np.abs(found.astype(np.float64) - wanted) / top
     if not np.isfinite(error).all():
-        return float("inf"), 1.0
-    return float(error.max()), float((error > ROUNDING).mean())
+        return Error(np.inf, np.inf, np.inf, 1.0)
+    median, most, largest = (float(v) for v in np.percentile(error, (50, 99, 100)))
+    return Error(median, most, largest, float((error > ROUNDING).mean()))
 
 
 def keypoint_agreement(found: Array, wanted: Array64, params: DetectionParams) -> tuple[int, float]:
@@ -115,9 +135,9 @@ def keypoint_agreement(found: Array, wanted: Array64, params: DetectionParams) -
 
 
 def _compare(label: str, found: Array, wanted: Array64, params: DetectionParams) -> Check:
-    largest, share = compare(found, wanted)
+    error = compare(found, wanted)
     count, agreeing = keypoint_agreement(found, wanted, params)
-    return Check(label, f"{found.shape[1]}x{found.shape[0]}", largest, share, count, agreeing)
+    return Check(label, f"{found.shape[1]}x{found.shape[0]}", error, count, agreeing)
 
 
 def _keypoints(saliency: Array, params: DetectionParams) -> set[tuple[int, int]]:
