@@ -135,3 +135,12 @@ def test_the_commands_load_neither_torch_nor_onnx() -> None:
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "[]"
+
+
+def test_the_benchmark_script_is_the_command() -> None:
+    script = Path(__file__).parents[1] / "benchmarks" / "latency.py"
+    code = f"import runpy, sys; sys.path[:0] = {sys.path!r}; sys.argv = ['latency.py', '--help']"
+    code += f"; runpy.run_path({str(script)!r}, run_name='__main__')"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "elf-bench" in done.stdout
