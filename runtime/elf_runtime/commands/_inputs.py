@@ -38,7 +38,10 @@ def image_files(arguments: Sequence[str]) -> list[Path]:
             found += [p for p in matches if p.is_file()]
         else:
             found.append(path)
-    return list({path.resolve(): path for path in reversed(found)}.values())[::-1]
+    unique: dict[Path, Path] = {}
+    for path in found:
+        unique.setdefault(path.resolve(), path)
+    return list(unique.values())
 
 
 def output_names(paths: Sequence[Path]) -> list[str]:

@@ -86,7 +86,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     _common.add_model_options(parser)
     parser.add_argument(
-        "--spin", action="store_true", help="let the network's idle threads spin: faster, hotter"
+        "--spin", action="store_true", help="let idle threads spin: pays where cores are free"
     )
     return parser
 

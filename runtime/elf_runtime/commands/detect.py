@@ -40,7 +40,12 @@ def build_parser() -> argparse.ArgumentParser:
     parser = _common.new_parser("elf-detect", DESCRIPTION, EPILOG)
     parser.add_argument("images", nargs="+", metavar="IMAGE", help="image file, folder of images, or pattern")
     parser.add_argument(
-        "-o", "--output", required=True, type=Path, metavar="DIR", help="made where it is missing"
+        "-o",
+        "--output",
+        required=True,
+        type=Path,
+        metavar="DIR",
+        help="folder of the results, made where it is missing",
     )
     parser.add_argument(
         "--mask", metavar="FILE", help="image of the same size: keypoints only where it is not black"
@@ -59,7 +64,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _work(args: argparse.Namespace) -> int:
     paths = image_files(args.images)
     names = output_names(paths)
-    _refuse_to_overwrite(paths, names, args.output)
+    if not args.no_picture:
+        _refuse_to_overwrite(paths, names, args.output)
     elf = _common.open_runtime(args)
     mask = _read_mask(args.mask) if args.mask else None
     args.output.mkdir(parents=True, exist_ok=True)

@@ -30,8 +30,8 @@ The providers are measured: the model runs once on a small image, and ONNX Runti
 executed each node. The ops counted there are those after ONNX Runtime's fusions and layout changes."""
 
 EPILOG = """\
-exit status: 0; 1 if the file is no ELF model (of another .onnx file, what can be read is still shown) or a
-provider can't run it; 2 on a wrong command line"""
+exit status: 0; 1 if the file is no ELF model (of another .onnx file, what can be read is still shown) or the
+provider that --provider names can't run it; 2 on a wrong command line"""
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -66,10 +66,13 @@ def _work(args: argparse.Namespace) -> int:
     except ElfError as error:
         failure = error
     print(json.dumps(report, indent=2) if args.json else report_text(report, coverages))
-    if failure is not None:
-        sys.stdout.flush()
-        _common.report("elf-info", failure)
-    return _common.FAILED if failure is not None or any(c.error for c in coverages) else 0
+    sys.stdout.flush()
+    failures: list[object] = [failure] if failure else []
+    if args.provider:  # of all that are installed, one that does not start here is no failure of the model's
+        failures += [f"{c.provider} can't run {path}: {c.error}" for c in coverages if c.error]
+    for reason in failures:
+        _common.report("elf-info", reason)
+    return _common.FAILED if failures else 0
 
 
 def _checked_contract(path: Path, file: OnnxFile) -> ModelContract:

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from elf_runtime import image as images
@@ -71,6 +72,8 @@ def _work(args: argparse.Namespace) -> int:
         raise _common.UsageError(f"--save {args.save}: matches are saved as .npz")
     if args.ratio is not None and not 0.0 < args.ratio < 1.0:
         raise _common.UsageError(f"--ratio {args.ratio:g}: a ratio lies between 0 and 1")
+    if not cv2.haveImageWriter(f"x{args.output.suffix}"):
+        raise _common.UsageError(f"-o {args.output}: no image format has this ending; use .png or .jpg")
     targets = {path.resolve() for path in (args.output, args.save) if path}
     if targets & {Path(args.a).resolve(), Path(args.b).resolve()}:
         raise _common.UsageError("an output is an input image; give it another name")

@@ -1,0 +1,146 @@
+"""elf-bench: it runs, reports what it should, and pairs what it times.  No time is ever asserted."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from elf_runtime.commands._contenders import Contender, synthetic, torch_peer
+from elf_runtime.commands._fresh import peak_memory
+from elf_runtime.commands._timing import interleaved, with_sum
+from elf_runtime.commands.bench import main, sizes
+
+TINY = Path(__file__).parent / "data" / "tiny.onnx"
+STAGES = ("read", "prepare", "session", "blur", "threshold", "nms", "descriptors", "post-processing")
+
+
+def bench(*arguments: object) -> int:
+    quick = ["--repeats", "3", "--warmup", "1", "--processes", "1", "--threads", "1"]
+    return main([str(a) for a in arguments] + ["--model", str(TINY), *quick])
+
+
+def test_reports_every_stage_and_peer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    threads = cv2.getNumThreads()
+    assert bench("--sizes", "64x96,80x64", "--peers", "sift,orb", "--json", tmp_path / "b.json") == 0
+    assert cv2.getNumThreads() == threads
+    report = json.loads((tmp_path / "b.json").read_text())
+    assert [(e["height"], e["width"]) for e in report["sizes"]] == [(64, 96), (80, 64)]
+    assert report["environment"]["threads"] == 1
+    assert report["start_up"]["import_s"] > 0
+    for entry in report["sizes"]:
+        assert {f"elf.{stage}" for stage in STAGES} <= set(entry["seconds"])
+        assert {"elf", "elf_saliency", "sift", "orb"} <= set(entry["seconds"])
+        assert all(len(samples) == 3 for samples in entry["samples"].values())
+        assert all(s["p50"] <= s["p95"] <= s["p99"] for s in entry["seconds"].values())
+        assert set(entry["keypoints"]) == {"elf", "sift", "orb"}
+        assert set(entry["ratios"]) == {"elf / sift", "elf / orb"}
+    text = capsys.readouterr().out
+    for expected in (*STAGES, "OpenCV SIFT", "synthetic, seed 0", "import", "load", "64x96", "elf / sift"):
+        assert expected in text
+
+
+def test_json_on_standard_output_is_alone_there(capsys: pytest.CaptureFixture[str]) -> None:
+    assert bench("--sizes", "64x64", "--peers", "none", "--json", "-") == 0
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["sizes"][0]["ratios"] == {}
+    assert "ELF, decode to descriptors" in captured.err
+
+
+def test_rounds_rotate_and_drop_the_warm_up() -> None:
+    log: list[str] = []
+
+    def contender(name: str) -> Contender:
+        def run() -> tuple[int | None, dict[str, float]]:
+            log.append(name)
+            return (5, {"read": 1.0, "nms": 2.0, "blur": 3.0}) if name == "a" else (None, {})
+
+        return Contender(name, name, run)
+
+    samples, keypoints = interleaved([contender(n) for n in "abc"], warmup=1, repeats=2)
+    assert "".join(log) == "abc" + "bca" + "cab"
+    assert list(samples) == ["a", "a.read", "a.nms", "a.blur", "a.post-processing", "b", "c"]
+    assert all(len(values) == 2 for values in samples.values())
+    assert samples["a.post-processing"] == [5.0, 5.0]
+    assert keypoints == {"a": 5}
+
+
+def test_post_processing_is_what_follows_the_network() -> None:
+    stages = dict.fromkeys(("read", "prepare", "session"), 100.0) | {
+        "blur": 1.0,
+        "nms": 2.0,
+        "descriptors": 4.0,
+    }
+    assert with_sum(stages)["post-processing"] == 7.0
+    assert with_sum({}) == {}
+
+
+def test_the_synthetic_image_is_textured_and_repeats() -> None:
+    image = synthetic(120, 160)
+    assert image.shape == (120, 160, 3)
+    assert image.dtype == np.uint8
+    assert image.std() > 20
+    np.testing.assert_array_equal(image, synthetic(120, 160))
+    assert (image != synthetic(120, 160, seed=1)).any()
+
+
+def test_sizes_are_height_by_width() -> None:
+    assert sizes("480x640,33x47") == [(480, 640), (33, 47)]
+
+
+@pytest.mark.parametrize("text", ["480", "axb", "480x", "0x640", "480x640,"])
+def test_a_wrong_size_is_a_usage_error(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        bench("--sizes", text)
+    assert stopped.value.code == 2
+    assert "HEIGHTxWIDTH" in capsys.readouterr().err
+
+
+def test_an_unknown_peer_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
+    assert bench("--peers", "surf") == 2
+    assert "unknown peer 'surf'" in capsys.readouterr().err
+
+
+def test_torch_is_left_out_with_a_reason() -> None:
+    # Either it is not installed, or the tiny model's network is none that can be rebuilt.
+    saliency, reason = torch_peer(str(TINY), 1)
+    assert saliency is None
+    assert "not installed" in reason or "tiny" in reason
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the kernel has no VmHWM to read")
+def test_peak_memory_is_the_childs_own() -> None:
+    # 400 MB in this process must not show in a fresh one, as they would in its ru_maxrss.
+    ballast = np.ones(50_000_000)
+    found = peak_memory(str(TINY), None, 1, (64, 64))
+    loaded, detected = found["peak_loaded_bytes"], found["peak_detect_bytes"]
+    assert ballast.nbytes == 400_000_000
+    assert loaded is not None
+    assert detected is not None
+    assert 10e6 < loaded <= detected < 350e6
+
+
+def test_the_commands_load_neither_torch_nor_onnx() -> None:
+    commands = [f"elf_runtime.commands.{name}" for name in ("bench", "detect", "info", "match")]
+    code = f"import sys, {', '.join(commands)}; print([m for m in ('torch', 'onnx') if m in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys; sys.path[:0] = {sys.path!r}; {code}"],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_benchmark_script_is_the_command() -> None:
+    script = Path(__file__).parents[1] / "benchmarks" / "latency.py"
+    code = f"import runpy, sys; sys.path[:0] = {sys.path!r}; sys.argv = ['latency.py', '--help']"
+    code += f"; runpy.run_path({str(script)!r}, run_name='__main__')"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "elf-bench" in done.stdout

@@ -1,0 +1,201 @@
+"""elf-detect: what it writes, what it names it, and what it says when it can't."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from elf_runtime import ElfRuntime, Features
+from elf_runtime.commands._contenders import synthetic
+from elf_runtime.commands._inputs import image_files, output_names
+from elf_runtime.commands.detect import main
+
+TINY = Path(__file__).parent / "data" / "tiny.onnx"
+
+
+def write(path: Path, seed: int = 0, size: tuple[int, int] = (96, 128)) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), synthetic(*size, seed=seed))
+    return path
+
+
+def detect(*arguments: object) -> int:
+    return main([str(a) for a in arguments] + ["--model", str(TINY), "--threads", "1"])
+
+
+def test_writes_features_and_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    image, out = write(tmp_path / "photo.png"), tmp_path / "new" / "out"
+    assert detect(image, "-o", out) == 0
+    assert sorted(p.name for p in out.iterdir()) == ["photo.csv", "photo.npz", "photo.png"]
+    found, wanted = Features.load(out / "photo.npz"), ElfRuntime(TINY).detect(image)
+    np.testing.assert_array_equal(found.keypoints, wanted.keypoints)
+    np.testing.assert_array_equal(found.descriptors, wanted.descriptors)
+    table = np.loadtxt(out / "photo.csv", delimiter=",", skiprows=1, ndmin=2)
+    np.testing.assert_allclose(table[:, :2], wanted.keypoints, atol=1e-3)
+    assert cv2.imread(str(out / "photo.png")).ndim == 3
+    captured = capsys.readouterr()
+    assert f"{len(wanted)} keypoints, 128x96" in captured.out
+    assert captured.err == ""
+
+
+def test_options_reach_the_detector(tmp_path: Path) -> None:
+    image, out = write(tmp_path / "a.png"), tmp_path / "out"
+    options = ["--max-keypoints", 7, "--threshold", "none", "--nms-radius", 3, "--border", 12, "--scale", 0.5]
+    assert detect(image, "-o", out, *options, "--descriptor", "pool1", "--no-picture") == 0
+    assert sorted(p.name for p in out.iterdir()) == ["a.csv", "a.npz"]
+    found = Features.load(out / "a.npz")
+    settings = {"max_keypoints": 7, "threshold": "none", "nms_radius": 3, "border": 12, "scale": 0.5}
+    wanted = ElfRuntime(TINY).detect(image, descriptor="pool1", **settings)
+    assert len(found) == 7
+    np.testing.assert_array_equal(found.keypoints, wanted.keypoints)
+    np.testing.assert_array_equal(found.descriptors, wanted.descriptors)
+
+
+def test_a_mask_holds_keypoints_to_its_white_part(tmp_path: Path) -> None:
+    image, out = write(tmp_path / "a.png"), tmp_path / "out"
+    mask = np.zeros((96, 128, 3), np.uint8)
+    mask[:, 64:] = (0, 255, 0)
+    cv2.imwrite(str(tmp_path / "mask.png"), mask)
+    assert detect(image, "-o", out, "--mask", tmp_path / "mask.png") == 0
+    found = Features.load(out / "a.npz")
+    assert len(found) > 0
+    assert (found.keypoints[:, 0] >= 64).all()
+
+
+def test_a_bad_image_among_good_ones(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    good, other = write(tmp_path / "good.png"), write(tmp_path / "other.png", 1)
+    bad, absent = tmp_path / "bad.png", tmp_path / "absent.png"
+    bad.write_text("no image")
+    out, summary = tmp_path / "out", tmp_path / "summary.json"
+    assert detect(good, bad, absent, other, "-o", out, "--json", summary) == 1
+    assert {p.name for p in out.glob("*.npz")} == {"good.npz", "other.npz"}
+    assert not list(out.glob("bad*")) + list(out.glob("absent*"))
+    errors = capsys.readouterr().err.splitlines()
+    assert len(errors) == 2
+    assert all(line.startswith("elf-detect: error: ") for line in errors)
+    assert str(bad) in errors[0]
+    assert str(absent) in errors[1]
+    images = json.loads(summary.read_text())["images"]
+    assert ["error" in entry for entry in images] == [False, True, True, False]
+    assert images[0]["keypoints"] == len(Features.load(out / "good.npz"))
+
+
+def test_a_summary_on_standard_output_is_alone_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert detect(write(tmp_path / "a.png"), "-o", tmp_path / "out", "--json", "-", "--preset", "paper") == 0
+    captured = capsys.readouterr()
+    summary = json.loads(captured.out)
+    assert summary["settings"]["quantize"] is True
+    assert summary["descriptor"] == "relu2"
+    assert "keypoints" in captured.err
+
+
+def test_folders_patterns_and_repeated_files(tmp_path: Path) -> None:
+    a, b = write(tmp_path / "in" / "a.png"), write(tmp_path / "in" / "b.JPG")
+    (tmp_path / "in" / "notes.txt").write_text("no image")
+    (tmp_path / "in" / "folder.png").mkdir()
+    assert image_files([str(tmp_path / "in")]) == [a, b]
+    assert image_files([str(tmp_path / "in" / "*.png"), str(a)]) == [a]
+    assert image_files([str(b), str(tmp_path / "in")]) == [b, a]
+
+
+@pytest.mark.parametrize(
+    ("paths", "names"),
+    [
+        (["x/1.png", "x/2.png"], ["1", "2"]),
+        (["a/1.png", "b/1.png", "b/2.png"], ["a_1", "b_1", "2"]),
+        (["a/1.png", "a/1.jpg"], ["1_png", "1_jpg"]),
+        (["a/1.png", "A/1.PNG"], None),
+        (["a/1.png", "b/1.png", "c/a_1.png"], None),
+        (["p/a/1.png", "q/a/1.png"], None),
+        (["p/a/1.png", "q/a/1.png", "r/1_2.png", "r/1_3.png"], None),
+    ],
+)
+def test_every_image_has_an_output_of_its_own(paths: list[str], names: list[str] | None) -> None:
+    found = output_names([Path(p) for p in paths])
+    assert len({name.lower() for name in found}) == len(paths)
+    assert found == output_names([Path(p) for p in paths])
+    if names is not None:
+        assert found == names
+
+
+def test_name_clashes_lose_nothing(tmp_path: Path) -> None:
+    first, second = write(tmp_path / "a" / "1.png"), write(tmp_path / "b" / "1.png", 1)
+    assert detect(first, second, "-o", tmp_path / "out", "--no-picture") == 0
+    assert {p.name for p in (tmp_path / "out").glob("*.npz")} == {"a_1.npz", "b_1.npz"}
+
+
+def test_an_input_image_is_never_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    image = write(tmp_path / "a.png")
+    before = image.read_bytes()
+    assert detect(image, "-o", tmp_path) == 2
+    assert "input image" in capsys.readouterr().err
+    assert image.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "reason"),
+    [
+        (["--threshold", "2"], 2, "threshold"),
+        (["--nms-radius", "-1"], 2, "nms_radius"),
+        (["--scale", "0"], 2, "scale"),
+        (["--descriptor", "pool9"], 2, "no descriptor layer 'pool9'"),
+        (["--provider", "quantum"], 1, "unknown provider 'quantum'"),
+        (["--mask", "absent.png"], 1, "absent.png"),
+    ],
+)
+def test_one_line_for_what_is_wrong(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], status: int, reason: str
+) -> None:
+    assert detect(write(tmp_path / "a.png"), "-o", tmp_path / "out", *arguments) == status
+    error = capsys.readouterr().err
+    assert error.startswith("elf-detect: error: ")
+    assert error.count("\n") == 1
+    assert reason in error
+
+
+@pytest.mark.parametrize("content", [b"", b"text", TINY.read_bytes()[:6000]])
+def test_a_file_that_is_no_model(tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes) -> None:
+    model = tmp_path / "model.onnx"
+    model.write_bytes(content)
+    image = write(tmp_path / "a.png")
+    assert main([str(image), "-o", str(tmp_path / "out"), "--model", str(model)]) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert str(model) in error
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_empty_folder_and_an_empty_pattern_are_usage_errors(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert detect(tmp_path, "-o", tmp_path / "out") == 2
+    assert "no images" in capsys.readouterr().err
+    assert detect(tmp_path / "*.png", "-o", tmp_path / "out") == 2
+    assert "no file matches" in capsys.readouterr().err
+
+
+def test_a_flat_image_has_no_keypoints_and_a_picture(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "flat.png"), np.full((64, 64), 90, np.uint8))
+    assert detect(tmp_path / "flat.png", "-o", tmp_path / "out") == 0
+    assert len(Features.load(tmp_path / "out" / "flat.npz")) == 0
+    assert (tmp_path / "out" / "flat.png").exists()
+
+
+def test_no_part_of_a_file_is_left_where_writing_fails(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    image, out = write(tmp_path / "a.png"), tmp_path / "out"
+    monkeypatch.setattr("elf_runtime.commands._common.os.replace", full)
+    assert detect(image, "-o", out) == 1
+    assert "No space left" in capsys.readouterr().err
+    assert not list(out.glob("*.png"))
+    assert not [p for p in out.iterdir() if p.suffix == ".png" or ".part.png" in p.name]

@@ -1,0 +1,108 @@
+"""elf-match: counts, inliers, files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from elf_runtime.commands._contenders import synthetic
+from elf_runtime.commands.match import main
+
+TINY = Path(__file__).parent / "data" / "tiny.onnx"
+SHIFT = (16, 8)  # a multiple of the network's stride, so that it sees the same
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> tuple[Path, Path]:
+    """Two views of one plane, the second moved by SHIFT."""
+    scene = synthetic(240, 320)
+    first, second = scene[: 240 - SHIFT[1], : 320 - SHIFT[0]], scene[SHIFT[1] :, SHIFT[0] :]
+    cv2.imwrite(str(tmp_path / "a.png"), first)
+    cv2.imwrite(str(tmp_path / "b.png"), second)
+    return tmp_path / "a.png", tmp_path / "b.png"
+
+
+def match(*arguments: object) -> int:
+    return main([str(a) for a in arguments] + ["--model", str(TINY), "--threads", "1", "--threshold", "none"])
+
+
+def test_draws_and_counts(
+    pair: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert match(*pair, "-o", tmp_path / "m.png") == 0
+    assert cv2.imread(str(tmp_path / "m.png")) is not None
+    assert "matches" in capsys.readouterr().out
+
+
+def test_ransac_finds_the_shift(pair: tuple[Path, Path], tmp_path: Path) -> None:
+    files = ["--save", tmp_path / "m.npz", "--json", tmp_path / "m.json"]
+    assert match(*pair, "-o", tmp_path / "m.jpg", "--ransac", "homography", *files) == 0
+    summary = json.loads((tmp_path / "m.json").read_text())
+    assert summary["inliers"] >= 0.6 * summary["matches"] > 10
+    matrix = np.array(summary["matrix"]) / summary["matrix"][2][2]
+    np.testing.assert_allclose(matrix[:2, 2], (-SHIFT[0], -SHIFT[1]), atol=1.0)
+    with np.load(tmp_path / "m.npz") as saved:
+        assert saved["inliers"].sum() == summary["inliers"]
+        moved = saved["points_b"] - saved["points_a"]
+        assert saved["pairs"].shape == (summary["matches"], 2)
+        assert np.abs(moved[saved["inliers"]] + SHIFT).max() <= 3.0
+        np.testing.assert_allclose(saved["matrix"], summary["matrix"])
+
+
+def test_a_fundamental_matrix_and_the_ratio_test(pair: tuple[Path, Path], tmp_path: Path) -> None:
+    counts = []
+    for ratio in ("0.99", "0.7"):
+        options = ["--ransac", "fundamental", "--ransac-threshold", "1.5", "--ratio", ratio]
+        assert match(*pair, "-o", tmp_path / "m.png", *options, "--json", tmp_path / "m.json") == 0
+        counts.append(json.loads((tmp_path / "m.json").read_text())["matches"])
+    assert 0 < counts[1] < counts[0]
+
+
+def test_nothing_to_match_is_no_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flat = tmp_path / "flat.png"
+    cv2.imwrite(str(flat), np.full((64, 80), 90, np.uint8))
+    files = ["--save", tmp_path / "m.npz"]
+    assert match(flat, flat, "-o", tmp_path / "m.png", "--ransac", "homography", *files) == 0
+    assert "0 matches, no homography" in capsys.readouterr().out
+    with np.load(tmp_path / "m.npz") as saved:
+        assert saved["pairs"].shape == (0, 2)
+        assert np.isnan(saved["matrix"]).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "reason"),
+    [
+        (["-o", "m.png", "--ransac-threshold", "2"], 2, "needs --ransac"),
+        (["-o", "m.png", "--ratio", "1.5"], 2, "--ratio 1.5"),
+        (["-o", "m.png", "--save", "m.txt"], 2, ".npz"),
+        (["-o", "m.png", "--ransac", "homography", "--ransac-threshold", "-1"], 2, "threshold"),
+        (["-o", "m.xyz"], 2, ".xyz"),
+        (["-o", "a.png"], 2, "input image"),
+        (["-o", "absent/m.png"], 1, "absent"),
+    ],
+)
+def test_one_line_for_what_is_wrong(
+    pair: tuple[Path, Path],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    status: int,
+    reason: str,
+) -> None:
+    monkeypatch.chdir(pair[0].parent)
+    before = sorted(p.name for p in pair[0].parent.iterdir())
+    assert match("a.png", "b.png", *arguments) == status
+    error = capsys.readouterr().err
+    assert error.startswith("elf-match: error: ")
+    assert error.count("\n") == 1
+    assert reason in error
+    assert sorted(p.name for p in pair[0].parent.iterdir()) == before
+
+
+def test_a_missing_image_is_named(pair: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    assert match(pair[0], "absent.png", "-o", pair[0].parent / "m.png") == 1
+    assert "absent.png" in capsys.readouterr().err
