@@ -95,8 +95,8 @@ def export_network(
     reference = torch_saliency(module, network.preprocessing)
     detection = detection or network.detection
     checks = verify.verify(model, reference, network.preprocessing.channels, detection)
-    log(verify.table(checks))
     verify.require(checks)
+    log(verify.table(checks))
 
     fields = receptive_fields(Graph(forward), NETWORK_INPUT)
     arguments = ["elf-export", "--net", name, "--layer", layer, "--desc", ",".join(descriptors) or "none"]

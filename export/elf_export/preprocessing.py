@@ -62,20 +62,26 @@ def prepend(graph: Graph, target: str, settings: Preprocessing, name: str = "ima
         copy.CopyFrom(node)
     del proto.node[:]
 
-    def mean_of(x: str, role: str) -> str:
+    def plain_mean(x: str, role: str) -> str:
         # One axis at a time: a float32 sum over a million pixels in one go is off by 1e-5 of itself.
         for axis in (3, 2, 1):
             x = reduce_mean(graph, x, axis, f"pre/{role}_{'nhwc'[axis]}", keepdims=1)
         return x
 
+    def centred(x: str, role: str) -> tuple[str, str]:
+        """x - mean(x), and mean(x).  The mean of what is left corrects the first mean's rounding."""
+        rough = plain_mean(x, f"{role}_rough")
+        rest = graph.op("Sub", x, rough, name=f"pre/{role}_rest")
+        correction = plain_mean(rest, f"{role}_correction")
+        mean = graph.op("Add", rough, correction, name=f"pre/{role}_mean")
+        return graph.op("Sub", rest, correction, name=f"pre/{role}_centred"), mean
+
     if settings.standardize:
-        # The mean of what is left corrects the first one's rounding, which shifts all of the image.
-        rough = graph.op("Sub", name, mean_of(name, "rough_mean"), name="pre/roughly_centred")
-        centred = graph.op("Sub", rough, mean_of(rough, "rest_mean"), name="pre/centred")
-        variance = mean_of(graph.op("Mul", centred, centred, name="pre/squared"), "variance")
+        zero_mean, _ = centred(name, "pixels")
+        _, variance = centred(graph.op("Mul", zero_mean, zero_mean, name="pre/squared"), "squares")
         std = graph.op("Sqrt", variance, name="pre/std")
         safe = graph.op("Max", std, graph.const(LEAST_STD, "pre/least_std", np.float32), name="pre/safe_std")
-        x = graph.op("Div", centred, safe, name="pre/standardized")
+        x = graph.op("Div", zero_mean, safe, name="pre/standardized")
     else:
         # (I s - m) / d = I (s / d) - m / d
         std64 = np.broadcast_to(np.asarray(settings.std, np.float64), settings.channels)

