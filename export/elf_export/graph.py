@@ -36,8 +36,9 @@ class Graph:
         self._names.update(v for n in self.model.graph.node for v in (*n.input, *n.output))
         self._names.update(self._constants)
         for node in self.model.graph.node:
-            if node.op_type == "Constant" and node.attribute and node.attribute[0].name == "value":
-                self._constants[node.output[0]] = node.attribute[0].t
+            tensor = _constant_of(node) if node.op_type == "Constant" else None
+            if tensor is not None:
+                self._constants[node.output[0]] = tensor
         self._types: dict[str, onnx.TypeProto.Tensor] = {}
         self.infer_shapes()
 
@@ -159,3 +160,27 @@ def attributes(node: onnx.NodeProto) -> dict[str, Any]:
     """A node's attributes as Python values; text as str."""
     values = {a.name: helper.get_attribute_value(a) for a in node.attribute}
     return {k: v.decode() if isinstance(v, bytes) else v for k, v in values.items()}
+
+
+def captured(node: onnx.NodeProto) -> list[str]:
+    """Names that a control-flow node's subgraphs may read from outside."""
+    names: list[str] = []
+    for attribute in node.attribute:
+        for sub in (attribute.g, *attribute.graphs):
+            names.extend(value.name for value in sub.output)
+            for inner in sub.node:
+                names.extend(inner.input)
+                names.extend(captured(inner))
+    return [name for name in names if name]
+
+
+def _constant_of(node: onnx.NodeProto) -> onnx.TensorProto | None:
+    """The tensor of a Constant node, None if it is sparse or text."""
+    kinds = {"value_float": np.float32, "value_floats": np.float32, "value_int": np.int64, "value_ints": np.int64}
+    for name, value in attributes(node).items():
+        if name == "value":
+            assert isinstance(value, onnx.TensorProto)
+            return value
+        if name in kinds:
+            return numpy_helper.from_array(np.asarray(value, kinds[name]), node.output[0])
+    return None

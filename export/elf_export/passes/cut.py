@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import onnx
 from onnx import helper
 
-from ..graph import Graph
+from elf_export.graph import Graph, captured
 
 
 def cut(model: onnx.ModelProto, outputs: Sequence[str]) -> onnx.ModelProto:
@@ -35,7 +35,7 @@ def cut(model: onnx.ModelProto, outputs: Sequence[str]) -> onnx.ModelProto:
         if name in producers:
             node = producers[name]
             stack.extend(node.input)
-            stack.extend(_captured(node))
+            stack.extend(captured(node))
         elif name not in inputs and not graph.is_constant(name):
             raise KeyError(name)
 
@@ -59,14 +59,3 @@ def cut(model: onnx.ModelProto, outputs: Sequence[str]) -> onnx.ModelProto:
         del field[:]
         field.extend(copies)
     return result
-
-
-def _captured(node: onnx.NodeProto) -> list[str]:
-    """Names that a control-flow node's subgraphs may read from outside."""
-    names: list[str] = []
-    for attribute in node.attribute:
-        for sub in (attribute.g, *attribute.graphs):
-            for inner in sub.node:
-                names.extend(inner.input)
-                names.extend(_captured(inner))
-    return [name for name in names if name]
