@@ -13,6 +13,8 @@ from onnx import helper, numpy_helper, shape_inference
 Dim = int | str | None
 Array = npt.NDArray[Any]
 
+_NOT_INFERRED = frozenset({"GroupNormalization"})  # keep their input's shape, and ONNX's inference does not know
+
 
 class Graph:
     """An ONNX model under construction.
@@ -63,10 +65,22 @@ class Graph:
 
     def infer_shapes(self) -> None:
         """Refresh what `shape`, `rank` and `dtype` answer from, after nodes were appended or removed."""
-        inferred = shape_inference.infer_shapes(self.model, data_prop=True).graph
-        for value in (*inferred.value_info, *inferred.input, *inferred.output):
-            if value.type.HasField("tensor_type"):
-                self._types[value.name] = value.type.tensor_type
+        for _ in range(1 + sum(node.op_type in _NOT_INFERRED for node in self.nodes)):
+            inferred = shape_inference.infer_shapes(self.model, data_prop=True).graph
+            for value in (*inferred.value_info, *inferred.input, *inferred.output):
+                if value.type.HasField("tensor_type"):
+                    self._types[value.name] = value.type.tensor_type
+            if not [n for n in self.nodes if n.op_type in _NOT_INFERRED and self._learn(n.output[0], n.input[0])]:
+                break
+
+    def _learn(self, name: str, like: str) -> bool:
+        """State that `name` has the type of `like`; whether that was news."""
+        if self.rank(name) is not None or self.rank(like) is None:
+            return False
+        outputs = [value for value in self.model.graph.output if value.name == name]
+        value = outputs[0] if outputs else self.model.graph.value_info.add(name=name)
+        value.type.tensor_type.CopyFrom(self._types[like])
+        return True
 
     def constant(self, name: str) -> Array | None:
         """The value of a constant, or None if `name` is computed."""

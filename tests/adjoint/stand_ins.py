@@ -1,6 +1,7 @@
 """Float64 stand-ins for ops that ONNX's reference evaluator gets wrong, all of them written in torch.
 
-Erf comes out as float32, LRN's window is summed in float32, and ConvTranspose with groups raises.
+Erf and Gelu come out in single precision, LRN's window is summed in float32, ConvTranspose with groups raises, as
+do a Mean whose first input is broadcast and a Dropout with all three inputs.
 """
 
 from __future__ import annotations
@@ -24,13 +25,37 @@ class Erf(OpRun):
         return (torch.erf(torch.from_numpy(np.array(x))).numpy(),)
 
 
+class Gelu(OpRun):
+    op_domain = ""
+
+    def _run(self, x: Array, approximate: str = "none") -> tuple[Array]:
+        return (F.gelu(torch.from_numpy(np.array(x)), approximate=approximate).numpy(),)
+
+
+class Mean(OpRun):
+    op_domain = ""
+
+    def _run(self, *inputs: Array) -> tuple[Array]:
+        return (sum(inputs[1:], inputs[0]) / len(inputs),)
+
+
+class Dropout(OpRun):
+    op_domain = ""
+
+    def _run(
+        self, x: Array, ratio: Array | None = None, training: Array | None = None, seed: int = 0
+    ) -> tuple[Array, ...]:
+        assert training is None or not training
+        return (x, np.ones(x.shape, bool))[: len(self.onnx_node.output)]
+
+
 class LRN(OpRun):
     op_domain = ""
 
     def _run(
         self, x: Array, alpha: float = 1e-4, beta: float = 0.75, bias: float = 1.0, size: int = 1
     ) -> tuple[Array]:
-        return (local_response(torch.from_numpy(x), size, alpha, beta, bias).numpy(),)
+        return (local_response(torch.from_numpy(np.array(x)), size, alpha, beta, bias).numpy(),)
 
 
 class ConvTranspose(OpRun):
@@ -46,7 +71,7 @@ class ConvTranspose(OpRun):
         del kernel_shape
         n = x.ndim - 2
         y = transposed(
-            torch.from_numpy(x), torch.from_numpy(w), None if b is None else torch.from_numpy(b),
+            *(torch.from_numpy(np.array(v)) for v in (x, w)), None if b is None else torch.from_numpy(np.array(b)),
             stride=strides or [1] * n, pads=pads or [0] * 2 * n, rest=output_padding or [0] * n,
             dilation=dilations or [1] * n, group=group or 1, auto_pad=auto_pad or "NOTSET",
         )  # fmt: skip
@@ -79,4 +104,4 @@ def local_response(x: torch.Tensor, size: int, alpha: float, beta: float, bias: 
     return x / (bias + alpha / size * total) ** beta
 
 
-STAND_INS = [Erf, LRN, ConvTranspose]
+STAND_INS = [Erf, Gelu, Mean, Dropout, LRN, ConvTranspose]

@@ -52,11 +52,11 @@ def build_adjoint(graph: Graph, output: str, wrt: str, seed: str | None = None) 
 
     pending: dict[str, list[str]] = {output: [seed if seed is not None else output]}
     for node in reversed(path):
-        grads = [_total(graph, name, pending.get(name)) for name in node.output]
+        entry = entry_for(node)
+        assert entry is not None, "preflight has seen to that"
+        grads = [_total(graph, name, pending.get(name)) for name in node.output[: entry.outputs]]
         if not any(grads):
             continue
-        entry = entry_for(node)
-        assert entry is not None
         wanted = [name in live for name in node.input]
         context = Context(graph, node, wanted)
         given = [*entry.rule(context, node, *grads)]

@@ -58,7 +58,7 @@ def instance_normalization(ctx: Context, node: onnx.NodeProto, grad_y: str) -> G
 
 
 @adjoint("LayerNormalization", since_opset=17, supports=rank_is_known)
-def layer_normalization(ctx: Context, node: onnx.NodeProto, grad_y: str, *_: str | None) -> Gradients:
+def layer_normalization(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """y = scale v + bias, v = x standardised over `axis` and all axes behind it;  dv = scale dy."""
     x, scale = node.input[:2]
     rank = ctx.rank(x)

@@ -28,7 +28,7 @@ def _pool_supports(ctx: Context) -> str | None:
 
 
 @adjoint("MaxPool", supports=_pool_supports)
-def max_pool(ctx: Context, node: onnx.NodeProto, grad_y: str, *_: str | None) -> Gradients:
+def max_pool(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """y_m = max over offsets o of x_{ms + od};  dx gets dy_m at the FIRST o in raster order that attains it.
 
     That is the choice of torch and of an index-based adjoint.  Ties above zero are common: flat regions of an
@@ -150,7 +150,7 @@ def scatter(ctx: Context, x: str, pieces: dict[Offset, str], window: Window) -> 
 
     dims = (ctx.shape(x) or [])[2:]
     size = spatial_shape(ctx, x, "x_size")
-    if not window.padded and not any(most):
+    if not window.padded and window.extent == strides:
         if all(isinstance(d, int) and d % s == 0 for d, s in zip(dims, strides, strict=True)):
             return full
         # Floor mode drops up to s - 1 trailing pixels; their gradient is zero.

@@ -19,7 +19,7 @@ Gradients = Sequence[str | None]
 """One value name per input of the node, None where an input gets no gradient; trailing Nones may be left out."""
 
 Rule = Callable[..., Gradients]
-"""rule(ctx, node, *grad_y) -> Gradients; one `grad_y` per output, None for an output that nobody used."""
+"""rule(ctx, node, *grad_y) -> Gradients; one `grad_y` per differentiated output, None if nobody used it."""
 
 RuleT = TypeVar("RuleT", bound=Rule)
 Supports = Callable[["Context"], str | None]
