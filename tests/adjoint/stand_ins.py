@@ -1,7 +1,7 @@
 """Float64 stand-ins for ops that ONNX's reference evaluator gets wrong, all of them written in torch.
 
-Erf and Gelu come out in single precision, LRN's window is summed in float32, ConvTranspose with groups raises, as
-do a Mean whose first input is broadcast and a Dropout with all three inputs.
+Erf, Gelu, LRN and GroupNormalization come out in single precision; ConvTranspose with groups raises, as do a Mean
+whose first input is broadcast and a Dropout with all three inputs.
 """
 
 from __future__ import annotations
@@ -55,7 +55,18 @@ class LRN(OpRun):
     def _run(
         self, x: Array, alpha: float = 1e-4, beta: float = 0.75, bias: float = 1.0, size: int = 1
     ) -> tuple[Array]:
-        return (local_response(torch.from_numpy(np.array(x)), size, alpha, beta, bias).numpy(),)
+        numbers = (float(v) for v in (alpha, beta, bias))  # they come as float32
+        return (local_response(torch.from_numpy(np.array(x)), size, *numbers).numpy(),)
+
+
+class GroupNormalization(OpRun):
+    op_domain = ""
+
+    def _run(
+        self, x: Array, scale: Array, bias: Array, num_groups: int = 1, epsilon: float = 1e-5, stash_type: int = 1
+    ) -> tuple[Array]:
+        x, scale, bias = (torch.from_numpy(np.array(v)) for v in (x, scale, bias))
+        return (F.group_norm(x, num_groups, scale, bias, float(epsilon)).numpy(),)
 
 
 class ConvTranspose(OpRun):
@@ -104,4 +115,4 @@ def local_response(x: torch.Tensor, size: int, alpha: float, beta: float, bias: 
     return x / (bias + alpha / size * total) ** beta
 
 
-STAND_INS = [Erf, Gelu, Mean, Dropout, LRN, ConvTranspose]
+STAND_INS = [Erf, Gelu, Mean, Dropout, LRN, GroupNormalization, ConvTranspose]

@@ -66,30 +66,18 @@ def layer_normalization(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Grad
     return [standardized_adjoint(ctx, x, ctx.op("Mul", grad_y, scale, role="dv"), axes, x)]
 
 
-def _group_supports(ctx: Context) -> str | None:
-    shape = ctx.shape(ctx.node.input[0])
-    if shape is None or not isinstance(shape[1], int):
-        return "the number of channels must be static"
-    return None
-
-
-@adjoint("GroupNormalization", since_opset=18, supports=_group_supports)
+@adjoint("GroupNormalization", since_opset=21, supports=rank_is_known)
 def group_normalization(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
-    """y = scale v + bias, v = x standardised over each group of channels;  dv = scale dy.
+    """y = scale v + bias, v = x standardised over each of G groups of channels;  dv = scale dy.
 
-    x: (N, C, ...) -> (N, G, (C/G) ...).  scale: (C,) from opset 21 on, (G,) before.
+    x: (N, C, ...) -> (N, G, (C/G) ...);  scale: (C,).   The op of opset 18 to 20 was withdrawn.
     """
     x, scale = node.input[:2]
-    groups = ctx.attrs["num_groups"]
-    grouped = ctx.int64s([0, groups, -1], "grouped_shape")
-    if ctx.opset >= 21:
-        ones = ctx.int64s([-1] + [1] * (ctx.rank(x) - 2), "channels")
-        grad = ctx.op("Mul", grad_y, ctx.op("Reshape", scale, ones, role="scale"), role="dv")
-        grad = ctx.op("Reshape", grad, grouped, role="dv_grouped")
-    else:
-        column = ctx.op("Reshape", scale, ctx.int64s([-1, 1], "column"), role="scale")
-        grad = ctx.op("Mul", ctx.op("Reshape", grad_y, grouped, role="dy_grouped"), column, role="dv_grouped")
-    dx = standardized_adjoint(ctx, ctx.op("Reshape", x, grouped, role="x_grouped"), grad, [2], x)
+    ones = ctx.int64s([-1] + [1] * (ctx.rank(x) - 2), "channels")
+    grad = ctx.op("Mul", grad_y, ctx.op("Reshape", scale, ones, role="scale"), role="dv")
+    grouped = ctx.int64s([0, ctx.attrs["num_groups"], -1], "grouped_shape")
+    rows = [ctx.op("Reshape", v, grouped, role=role) for v, role in ((x, "x_grouped"), (grad, "dv_grouped"))]
+    dx = standardized_adjoint(ctx, *rows, [2], x)
     return [ctx.op("Reshape", dx, shape_of(ctx, x, "x_shape"), role="dx_ungrouped")]
 
 
