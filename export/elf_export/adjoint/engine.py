@@ -8,14 +8,21 @@ un-broadcasting, and the seed.  What is particular to an op is in its rule.
 
 from __future__ import annotations
 
-import numpy as np
 import onnx
 
 from elf_export.errors import LayerError, UnsupportedGraphError, UnsupportedNode
 from elf_export.graph import Graph, captured
 
 from . import broadcast
-from .registry import Context, entry_for, has_no_gradient, is_standard, supported_ops
+from .registry import (
+    Context,
+    entry_for,
+    has_no_gradient,
+    is_floating,
+    is_standard,
+    is_straight_through,
+    supported_ops,
+)
 from .sizes import Sizes
 
 
@@ -80,26 +87,19 @@ def nodes_between(graph: Graph, source: str, target: str) -> list[onnx.NodeProto
 def _trace(graph: Graph, source: str, target: str) -> tuple[list[onnx.NodeProto], set[str]]:
     """The nodes on the differentiable paths, and the values on them."""
     able = [node for node in graph.nodes if not has_no_gradient(node)]
-    needed = {target}
-    for node in reversed(able):
-        if any(name in needed and _carries(graph, node, name) for name in node.output):
-            needed.update(name for name in (*node.input, *captured(node)) if name)
-    live, path = {source}, []
+    reached = {source}
     for node in able:
-        if source in node.output or not live.intersection((*node.input, *captured(node))):
-            continue
-        carrying = [name for name in node.output if name in needed and _carries(graph, node, name)]
-        if carrying:
+        arriving = reached.intersection((*node.input, *captured(node)))
+        if arriving:
+            # Whatever reads quantised integers is kept on the path, for preflight to judge.
+            whole = is_straight_through(node) or not all(is_floating(graph, name) for name in arriving)
+            reached.update(name for name in node.output if name and (whole or is_floating(graph, name)))
+    live, path = {target} & reached, []
+    for node in reversed(able):
+        if live.intersection(node.output) and node.output[0] != source:
             path.append(node)
-            live.update(carrying)
-    return path, live
-
-
-def _carries(graph: Graph, node: onnx.NodeProto, name: str) -> bool:
-    """Whether a gradient can pass through the node's output `name`: integers and booleans stop it."""
-    entry = entry_for(node)
-    floating = np.issubdtype(graph.dtype(name), np.inexact) or graph.dtype(name).kind == "V"  # V: bfloat16
-    return floating or (entry is not None and entry.through_integers)
+            live.update(reached.intersection((*node.input, *captured(node))))
+    return path[::-1], live
 
 
 def preflight(graph: Graph, path: list[onnx.NodeProto], live: set[str], sizes: Sizes) -> None:
@@ -124,6 +124,8 @@ def why_unsupported(ctx: Context, live: set[str], sizes: Sizes) -> str | None:
     if ctx.opset < entry.since_opset:
         return f"the rule needs opset {entry.since_opset} or later"
     for i, name in enumerate(node.input):
+        if ctx.wanted[i] and not (entry.through_integers or is_floating(ctx.graph, name)):
+            return f"its input {name!r} holds integers, which pass a gradient to DequantizeLinear only"
         if entry.inputs is not None and i >= entry.inputs and ctx.wanted[i]:
             return f"its input {name!r} depends on the image; the rule takes what does not there"
     for i, name in enumerate(node.output):

@@ -47,7 +47,7 @@ def _dequantize_supports(ctx: Context) -> str | None:
     return _quantize_supports(Context(ctx.graph, source))
 
 
-@adjoint("DequantizeLinear", supports=_dequantize_supports)
+@adjoint("DequantizeLinear", supports=_dequantize_supports, through_integers=True)
 def dequantize(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """x' = (q - z) s';  dq = dy s' / s in units of s q, s being the scale that q was made with: mostly dq = dy."""
     source = _source(ctx)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
+import numpy as np
 import onnx
 
 from elf_export.graph import Array, Dim, Graph, attributes
-
-if TYPE_CHECKING:
-    import numpy as np
 
 MIN_OPSET = 11  # Slice, Pad, Clip and Resize take their bounds as inputs from here on
 
@@ -124,7 +122,7 @@ def adjoint(
     core_axes : int
         Trailing axes that do not broadcast (2 for MatMul).
     through_integers : bool
-        The gradient passes although the output is an integer tensor (QuantizeLinear).
+        The gradient passes although an input or output holds integers (QuantizeLinear, DequantizeLinear).
 
     Raises
     ------
@@ -162,6 +160,18 @@ def entry_for(node: onnx.NodeProto) -> Entry | None:
 
 def has_no_gradient(node: onnx.NodeProto) -> bool:
     return is_standard(node) and node.op_type in _NO_GRADIENT
+
+
+def is_straight_through(node: onnx.NodeProto) -> bool:
+    """Whether a gradient passes through the node's integers."""
+    entry = entry_for(node)
+    return entry is not None and entry.through_integers
+
+
+def is_floating(graph: Graph, name: str) -> bool:
+    """Whether a value holds real numbers: integers and booleans stop a gradient."""
+    dtype = graph.dtype(name)
+    return np.issubdtype(dtype, np.inexact) or dtype.kind == "V"  # V: bfloat16
 
 
 def is_standard(node: onnx.NodeProto) -> bool:

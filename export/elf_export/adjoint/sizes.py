@@ -42,10 +42,11 @@ class Sizes:
 
     def _find(self, name: str, axis: int) -> Hashable:
         shape = self.graph.shape(name)
-        if shape is not None and shape[axis] is not None:
-            return shape[axis]
         node = self.producers.get(name)
-        unknown = (name, axis)
+        if shape is not None and isinstance(shape[axis], int):
+            return shape[axis]
+        # A derived size goes before a symbol: an output's symbols are whatever its author wrote there.
+        unknown = (name, axis) if shape is None or shape[axis] is None else shape[axis]
         if node is None or shape is None or node.output[0] != name:
             return unknown
         if node.op_type in _KEEP_SHAPE:
