@@ -13,8 +13,6 @@ from onnx import helper, numpy_helper, shape_inference
 Dim = int | str | None
 Array = npt.NDArray[Any]
 
-_NOT_INFERRED = frozenset({"GroupNormalization"})  # keep their input's shape, and ONNX's inference does not know
-
 
 class Graph:
     """An ONNX model under construction.
@@ -42,6 +40,7 @@ class Graph:
             if tensor is not None:
                 self._constants[node.output[0]] = tensor
         self._types: dict[str, onnx.TypeProto.Tensor] = {}
+        self._producers = self.producers()
         self.infer_shapes()
 
     # -- reading ---------------------------------------------------------------------------------------------
@@ -65,22 +64,49 @@ class Graph:
 
     def infer_shapes(self) -> None:
         """Refresh what `shape`, `rank` and `dtype` answer from, after nodes were appended or removed."""
-        for _ in range(1 + sum(node.op_type in _NOT_INFERRED for node in self.nodes)):
+        while True:
             inferred = shape_inference.infer_shapes(self.model, data_prop=True).graph
             for value in (*inferred.value_info, *inferred.input, *inferred.output):
                 if value.type.HasField("tensor_type"):
                     self._types[value.name] = value.type.tensor_type
-            if not [n for n in self.nodes if n.op_type in _NOT_INFERRED and self._learn(n.output[0], n.input[0])]:
+            if not any([self._learn(node) for node in self.nodes]):  # a list: learn from all of them
                 break
 
-    def _learn(self, name: str, like: str) -> bool:
-        """State that `name` has the type of `like`; whether that was news."""
-        if self.rank(name) is not None or self.rank(like) is None:
+    def _learn(self, node: onnx.NodeProto) -> bool:
+        """State what ONNX's inference does not find of a node's output; whether that was news."""
+        name = node.output[0] if node.output else ""
+        if not name or self.rank(name) is not None:
             return False
+        elem = self.elem_type(node.input[0]) if node.input else 0
+        like = self.shape_source(node)
+        if like is not None and self.rank(like) is not None:
+            dims = self.shape(like) or []
+        elif node.op_type in ("Reshape", "Expand") and isinstance((self.shape(node.input[1]) or [None])[0], int):
+            # The length of the target shape is the rank; Expand's result has at least the data's.
+            length = (self.shape(node.input[1]) or [0])[0]
+            assert isinstance(length, int)
+            own = self.rank(node.input[0]) if node.op_type == "Expand" else 0
+            if own is None:
+                return False
+            dims = [None] * max(length, own)
+        else:
+            return False
+        stated = helper.make_tensor_value_info(name, elem, dims)
         outputs = [value for value in self.model.graph.output if value.name == name]
-        value = outputs[0] if outputs else self.model.graph.value_info.add(name=name)
-        value.type.tensor_type.CopyFrom(self._types[like])
+        value = outputs[0] if outputs else self.model.graph.value_info.add()
+        value.CopyFrom(stated)
+        self._types[name] = value.type.tensor_type
         return True
+
+    def shape_source(self, node: onnx.NodeProto) -> str | None:
+        """A value whose shape the node's output has, where ONNX's inference would not tell."""
+        if node.op_type == "GroupNormalization":
+            return str(node.input[0])
+        if node.op_type == "Reshape":
+            target = self._producers.get(node.input[1])
+            if target is not None and target.op_type == "Shape" and not target.attribute:
+                return str(target.input[0])
+        return None
 
     def constant(self, name: str) -> Array | None:
         """The value of a constant, or None if `name` is computed."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import onnx
 
-from .portable import shape_of
+from .portable import concat_ints, shape_of, size_of
 from .registry import Context, Gradients, adjoint
 
 
@@ -59,14 +59,7 @@ def transpose(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     return [ctx.op("Transpose", grad_y, role="dx", perm=[int(i) for i in np.argsort(perm)])]
 
 
-def _depth_to_space_supports(ctx: Context) -> str | None:
-    shape = ctx.shape(ctx.node.input[0])
-    if ctx.attrs.get("mode", "DCR") == "CRD" and (shape is None or not isinstance(shape[1], int)):
-        return "mode CRD needs a static number of channels"
-    return None
-
-
-@adjoint("DepthToSpace", supports=_depth_to_space_supports)
+@adjoint("DepthToSpace")
 def depth_to_space(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """x: (N, b b C, H, W) -> y: (N, C, b H, b W), a permutation;  dx = SpaceToDepth(dy).
 
@@ -76,9 +69,8 @@ def depth_to_space(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients
     dx = ctx.op("SpaceToDepth", grad_y, role="dx", blocksize=block)
     if ctx.attrs.get("mode", "DCR") == "DCR":
         return [dx]
-    channels = (ctx.shape(x) or [])[1]
-    assert isinstance(channels, int)
-    grouped = ctx.int64s([0, block * block, channels // block**2, -1], "grouped_shape")
+    channels = size_of(ctx, node.output[0], 1, "channels")
+    grouped = concat_ints(ctx, [[0, block * block], channels, [-1]], "grouped_shape")
     apart = ctx.op("Reshape", dx, grouped, role="grouped")
     turned = ctx.op("Transpose", apart, role="turned", perm=[0, 2, 1, 3])
     return [ctx.op("Reshape", turned, shape_of(ctx, x, "x_shape"), role="dx_crd")]

@@ -49,6 +49,9 @@ class Sizes:
         unknown = (name, axis) if shape is None or shape[axis] is None else shape[axis]
         if node is None or shape is None or node.output[0] != name:
             return unknown
+        source = self.graph.shape_source(node)
+        if source is not None:
+            return self.of(source, axis)
         if node.op_type in _KEEP_SHAPE:
             return self.of(node.input[0], axis)
         if node.op_type in _ELEMENTWISE:
@@ -56,8 +59,8 @@ class Sizes:
             sizes.discard(1)
             return sizes.pop() if len(sizes) == 1 else unknown
         if node.op_type in _WINDOWS and (axis >= 2 or axis == 0):
-            source = self.of(node.input[0], axis)
-            return source if axis == 0 else self._window(node, axis - 2, source, unknown)
+            size = self.of(node.input[0], axis)
+            return size if axis == 0 else self._window(node, axis - 2, size, unknown)
         return unknown
 
     def _rank(self, name: str, at_least: int) -> int:
