@@ -1,4 +1,4 @@
-"""A model as the passes and the adjoint see it: who makes a value, of what shape, and a way to append nodes."""
+"""A model as the passes and the adjoint see it: who makes a value, its shape, and a way to append nodes."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ Array = npt.NDArray[Any]
 class Graph:
     """An ONNX model under construction.
 
-    Reads the nodes, constants and inferred shapes of a ModelProto and appends to it.  Values are known by name,
-    as in ONNX itself; the empty name is an absent optional input.
+    Reads the nodes, constants and inferred shapes of a ModelProto and appends to it.  Values are known by
+    name, as in ONNX itself; the empty name is an absent optional input.
 
     Parameters
     ----------
@@ -69,7 +69,8 @@ class Graph:
             for value in (*inferred.value_info, *inferred.input, *inferred.output):
                 if value.type.HasField("tensor_type"):
                     self._types[value.name] = value.type.tensor_type
-            if not any([self._learn(node) for node in self.nodes]):  # a list: learn from all of them
+            news = [node for node in self.nodes if self._learn(node)]
+            if not news:
                 break
 
     def _learn(self, node: onnx.NodeProto) -> bool:
@@ -81,7 +82,9 @@ class Graph:
         like = self.shape_source(node)
         if like is not None and self.rank(like) is not None:
             dims = self.shape(like) or []
-        elif node.op_type in ("Reshape", "Expand") and isinstance((self.shape(node.input[1]) or [None])[0], int):
+        elif node.op_type in ("Reshape", "Expand") and isinstance(
+            (self.shape(node.input[1]) or [None])[0], int
+        ):
             # The length of the target shape is the rank; Expand's result has at least the data's.
             length = (self.shape(node.input[1]) or [0])[0]
             assert isinstance(length, int)
@@ -120,14 +123,16 @@ class Graph:
         return name in self._constants
 
     def shape(self, name: str) -> list[Dim] | None:
-        """Dimensions: an int where static, a name where symbolic, None where unknown; None for an unknown rank."""
+        """Sizes: an int where static, a name where symbolic, None where unknown; None for an unknown rank."""
         if name in self._constants:
             return list(self._constants[name].dims)
         kind = self._types.get(name)
         if kind is None or not kind.HasField("shape"):
             return None
         return [
-            d.dim_value if d.HasField("dim_value") else (d.dim_param or None if d.HasField("dim_param") else None)
+            d.dim_value
+            if d.HasField("dim_value")
+            else (d.dim_param or None if d.HasField("dim_param") else None)
             for d in kind.shape.dim
         ]
 
@@ -216,7 +221,12 @@ def captured(node: onnx.NodeProto) -> list[str]:
 
 def _constant_of(node: onnx.NodeProto) -> onnx.TensorProto | None:
     """The tensor of a Constant node, None if it is sparse or text."""
-    kinds = {"value_float": np.float32, "value_floats": np.float32, "value_int": np.int64, "value_ints": np.int64}
+    kinds = {
+        "value_float": np.float32,
+        "value_floats": np.float32,
+        "value_int": np.int64,
+        "value_ints": np.int64,
+    }
     for name, value in attributes(node).items():
         if name == "value":
             assert isinstance(value, onnx.TensorProto)

@@ -4,8 +4,8 @@
     (b) <A x, s> = <x, A' s> where the op is linear (affine: with A x = f(x) - f(0));
     (c) central differences of <s, f(x)> along one random direction.
 
-The emitted graph runs in ONNX Runtime in float32 and in ONNX's reference evaluator in float64, with symbolic and
-with static sizes.
+The emitted graph runs in ONNX Runtime in float32 and in ONNX's reference evaluator in float64, with symbolic
+and with static sizes.
 """
 
 from __future__ import annotations
@@ -77,7 +77,9 @@ class Case:
     outputs: int = 1
     tolerance32: float = 1e-5
     tolerance64: float = 1e-12
-    draw: Callable[[np.random.Generator, Sequence[int]], Array] = lambda rng, shape: rng.standard_normal(shape)
+    draw: Callable[[np.random.Generator, Sequence[int]], Array] = lambda rng, shape: rng.standard_normal(
+        shape
+    )
 
     def model(self, opset: int, dynamic: bool, dtype: type[np.floating[Any]]) -> onnx.ModelProto:
         elem = helper.np_dtype_to_tensor_dtype(np.dtype(dtype))
@@ -96,8 +98,8 @@ class Case:
 
 
 def one_graph(
-    nodes: Sequence[onnx.NodeProto], infos: Sequence[onnx.ValueInfoProto], tensors: Sequence[onnx.TensorProto],
-    opset: int, elem: int = TensorProto.FLOAT, output: str = "y",
+    nodes: Sequence[onnx.NodeProto], infos: Sequence[onnx.ValueInfoProto],
+    tensors: Sequence[onnx.TensorProto], opset: int, elem: int = TensorProto.FLOAT, output: str = "y",
 ) -> onnx.ModelProto:  # fmt: skip
     """A model with one output, of the shape that inference finds."""
     out = helper.make_tensor_value_info(output, elem, None)
@@ -191,7 +193,13 @@ Runner = Callable[[onnx.ModelProto, Mapping[str, Array]], list[Array]]
 
 
 def by_linearity(
-    model: onnx.ModelProto, run: Runner, feed: Mapping[str, Array], wrt: str, dx: Array, tolerance: float, label: str
+    model: onnx.ModelProto,
+    run: Runner,
+    feed: Mapping[str, Array],
+    wrt: str,
+    dx: Array,
+    tolerance: float,
+    label: str,
 ) -> None:
     """Oracle (b): <A x, s> = <x, A' s>."""
     inputs = {k: v for k, v in feed.items() if k != "seed"}

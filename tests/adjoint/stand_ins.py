@@ -1,7 +1,7 @@
 """Float64 stand-ins for ops that ONNX's reference evaluator gets wrong, all of them written in torch.
 
-Erf, Gelu, LRN and GroupNormalization come out in single precision; ConvTranspose with groups raises, as do a Mean
-whose first input is broadcast and a Dropout with all three inputs.
+Erf, Gelu, LRN and GroupNormalization come out in single precision; ConvTranspose with groups raises, as do a
+Mean whose first input is broadcast and a Dropout with all three inputs.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ class Dropout(OpRun):
         self, x: Array, ratio: Array | None = None, training: Array | None = None, seed: int = 0
     ) -> tuple[Array, ...]:
         assert training is None or not training
+        del ratio, seed
         return (x, np.ones(x.shape, bool))[: len(self.onnx_node.output)]
 
 
@@ -63,10 +64,17 @@ class GroupNormalization(OpRun):
     op_domain = ""
 
     def _run(
-        self, x: Array, scale: Array, bias: Array, num_groups: int = 1, epsilon: float = 1e-5, stash_type: int = 1
+        self,
+        x: Array,
+        scale: Array,
+        bias: Array,
+        num_groups: int = 1,
+        epsilon: float = 1e-5,
+        stash_type: int = 1,
     ) -> tuple[Array]:
-        x, scale, bias = (torch.from_numpy(np.array(v)) for v in (x, scale, bias))
-        return (F.group_norm(x, num_groups, scale, bias, float(epsilon)).numpy(),)
+        del stash_type
+        tensors = [torch.from_numpy(np.array(v)) for v in (x, scale, bias)]
+        return (F.group_norm(tensors[0], num_groups, *tensors[1:], float(epsilon)).numpy(),)
 
 
 class ConvTranspose(OpRun):
@@ -82,7 +90,8 @@ class ConvTranspose(OpRun):
         del kernel_shape
         n = x.ndim - 2
         y = transposed(
-            *(torch.from_numpy(np.array(v)) for v in (x, w)), None if b is None else torch.from_numpy(np.array(b)),
+            torch.from_numpy(np.array(x)), torch.from_numpy(np.array(w)),
+            None if b is None else torch.from_numpy(np.array(b)),
             stride=strides or [1] * n, pads=pads or [0] * 2 * n, rest=output_padding or [0] * n,
             dilation=dilations or [1] * n, group=group or 1, auto_pad=auto_pad or "NOTSET",
         )  # fmt: skip

@@ -46,7 +46,7 @@ def conv(
             sides = [
                 same_pads(s, e, t, auto == "SAME_UPPER")
                 for s, e, t in zip(shape[2:], extents, stride, strict=True)
-            ]  # fmt: skip
+            ]
         padded = F.pad(x, list(itertools.chain.from_iterable(reversed(sides))))
         return CONV[n - 1](padded, w, *b, stride=stride, dilation=dilation, groups=attrs.get("group", 1))
 
@@ -55,7 +55,11 @@ def conv(
 
 
 def deconv(
-    name: str, shape: tuple[int, ...], weight: tuple[int, ...], attrs: dict[str, Any] | None = None, **more: Any
+    name: str,
+    shape: tuple[int, ...],
+    weight: tuple[int, ...],
+    attrs: dict[str, Any] | None = None,
+    **more: Any,
 ) -> Case:
     """A row for ConvTranspose.  `weight`: (I, O/g, k...)."""
     attrs = attrs or {}
@@ -89,16 +93,27 @@ CASES = [
     conv("groups", PLANE, (6, 2, 3, 3), {"group": 2, "pads": [1, 1, 1, 1]}),
     conv("depthwise", PLANE, (8, 1, 3, 3), {"group": 4, "pads": [1, 1, 1, 1]}),
     conv("stride_2", PLANE, (6, 4, 3, 3), {"strides": [2, 2], "pads": [1, 1, 1, 1]}),
-    conv("stride_2_even_size", (2, 4, 8, 6), (6, 4, 3, 3), {"strides": [2, 2], "pads": [1, 1, 1, 1]}, **SMALL),
+    conv(
+        "stride_2_even_size", (2, 4, 8, 6), (6, 4, 3, 3), {"strides": [2, 2], "pads": [1, 1, 1, 1]}, **SMALL
+    ),
     conv("stride_beyond_kernel", (2, 4, 11, 10), (6, 4, 2, 1), {"strides": [3, 2]}),
     conv("stride_mixed", PLANE, (6, 4, 3, 3), {"strides": [1, 3], "pads": [1, 0, 0, 1]}),
-    conv("stride_groups_dilated", (2, 4, 11, 12), (6, 2, 3, 3),
-         {"strides": [2, 3], "group": 2, "dilations": [2, 1], "pads": [1, 2, 0, 1]}),
+    conv(
+        "stride_groups_dilated",
+        (2, 4, 11, 12),
+        (6, 2, 3, 3),
+        {"strides": [2, 3], "group": 2, "dilations": [2, 1], "pads": [1, 2, 0, 1]},
+    ),
     conv("alexnet", (1, 3, 35, 38), (4, 3, 11, 11), {"strides": [4, 4], "pads": [2, 2, 2, 2]}, **SMALL),
     conv("valid", PLANE, (6, 4, 3, 3), {"auto_pad": "VALID", "strides": [2, 1]}, **SMALL),
     *(
-        conv(f"{auto.lower()}_{h}x{w}_k{k}_s{s}", (2, 3, h, w), (4, 3, k, k + 1), {"auto_pad": auto, "strides": [s, s]},
-             **SMALL)
+        conv(
+            f"{auto.lower()}_{h}x{w}_k{k}_s{s}",
+            (2, 3, h, w),
+            (4, 3, k, k + 1),
+            {"auto_pad": auto, "strides": [s, s]},
+            **SMALL,
+        )
         for auto, (h, w), (k, s) in itertools.product(
             ("SAME_UPPER", "SAME_LOWER"), ((7, 10), (8, 9)), ((3, 1), (2, 2), (3, 2), (5, 3), (2, 3))
         )
@@ -106,18 +121,37 @@ CASES = [
     conv("line", (2, 3, 11), (4, 3, 3), {"pads": [1, 2]}),
     conv("line_stride_3", (2, 3, 11), (4, 3, 4), {"pads": [1, 2], "strides": [3]}),
     conv("volume", (1, 2, 4, 5, 6), (3, 2, 2, 3, 3), {"pads": [0, 1, 1, 1, 0, 1]}),
-    conv("volume_stride", (1, 2, 5, 5, 6), (3, 2, 2, 3, 3), {"pads": [0, 1, 1, 1, 0, 1], "strides": [2, 1, 2]}),
+    conv(
+        "volume_stride", (1, 2, 5, 5, 6), (3, 2, 2, 3, 3), {"pads": [0, 1, 1, 1, 0, 1], "strides": [2, 1, 2]}
+    ),
     deconv("up", (2, 4, 3, 4), (4, 3, 2, 2), {"strides": [2, 2]}, opsets=range(11, 21)),
-    deconv("up_pads", (2, 4, 3, 4), (4, 3, 3, 4), {"strides": [2, 2], "pads": [1, 0, 0, 1], "output_padding": [1, 1]}),
+    deconv(
+        "up_pads",
+        (2, 4, 3, 4),
+        (4, 3, 3, 4),
+        {"strides": [2, 2], "pads": [1, 0, 0, 1], "output_padding": [1, 1]},
+    ),
     deconv("up_stride_1", (2, 4, 3, 4), (4, 3, 3, 3), {"pads": [1, 1, 1, 1]}),
     deconv("up_groups", (2, 4, 3, 4), (4, 3, 3, 3), {"strides": [2, 3], "group": 2}),
     deconv("up_dilated", (2, 4, 3, 4), (4, 3, 3, 2), {"strides": [2, 1], "dilations": [2, 3]}),
     deconv("up_gap", (2, 4, 3, 4), (4, 3, 1, 2), {"strides": [3, 3], "output_padding": [2, 0]}),
-    deconv("up_same_upper", (2, 4, 3, 4), (4, 3, 4, 3), {"strides": [2, 2], "auto_pad": "SAME_UPPER"}, reference_from=NEVER),
-    deconv("up_same_lower", (2, 4, 3, 4), (4, 3, 4, 3), {"strides": [2, 2], "auto_pad": "SAME_LOWER"}, reference_from=NEVER),
+    deconv(
+        "up_same_upper",
+        (2, 4, 3, 4),
+        (4, 3, 4, 3),
+        {"strides": [2, 2], "auto_pad": "SAME_UPPER"},
+        reference_from=NEVER,
+    ),
+    deconv(
+        "up_same_lower",
+        (2, 4, 3, 4),
+        (4, 3, 4, 3),
+        {"strides": [2, 2], "auto_pad": "SAME_LOWER"},
+        reference_from=NEVER,
+    ),
     deconv("up_line", (2, 4, 5), (4, 3, 3), {"strides": [2], "output_padding": [1]}),
     deconv("up_volume", (1, 2, 3, 3, 2), (2, 3, 2, 2, 3), {"strides": [2, 2, 1]}),
-]  # fmt: skip
+]
 
 
 @rows(CASES)

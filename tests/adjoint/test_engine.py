@@ -19,7 +19,9 @@ from .oracles import assert_standard, run_ort, with_adjoint
 pytestmark = pytest.mark.torch
 
 
-def model(body: str, inputs: str = "float[N,C,H,W] x", opset: int = 17, constants: str = "") -> onnx.ModelProto:
+def model(
+    body: str, inputs: str = "float[N,C,H,W] x", opset: int = 17, constants: str = ""
+) -> onnx.ModelProto:
     """A model in ONNX's textual form; its output is y."""
     head = f'<ir_version: 8, opset_import: ["": {opset}]>\n'
     text = f"{head} g ({inputs}) => (float[a,b,c,d] y) {f'<{constants}>' if constants else ''} {{ {body} }}"
@@ -56,8 +58,10 @@ def test_several_uses_add_up(opset: int) -> None:
 def test_a_residual_block_with_symbolic_sizes_needs_no_run_time_sum() -> None:
     """Whether a sum repeats an operand is proved from the convolutions' geometry."""
     body = """c = Conv<kernel_shape=[3,3], pads=[1,1,1,1]>(x, w)  r = Relu(c)
-              p = MaxPool<kernel_shape=[2,2], strides=[2,2]>(r)  q = MaxPool<kernel_shape=[2,2], strides=[2,2]>(x)
-              k = Conv<kernel_shape=[3,3], pads=[0,0,0,0]>(p, w)  l = Conv<kernel_shape=[3,3]>(q, w)  y = Add(k, l)"""
+              p = MaxPool<kernel_shape=[2,2], strides=[2,2]>(r)
+              q = MaxPool<kernel_shape=[2,2], strides=[2,2]>(x)
+              k = Conv<kernel_shape=[3,3], pads=[0,0,0,0]>(p, w)
+              l = Conv<kernel_shape=[3,3]>(q, w)  y = Add(k, l)"""
     made = model(body, "float[N,2,H,W] x, float[2,2,3,3] w", opset=11)
     graph = Graph(made)
     build_adjoint(graph, "y", "x")
@@ -76,7 +80,7 @@ def test_broadcasting_that_only_the_run_knows(own: int) -> None:
 
 def test_broadcasting_that_only_the_run_knows_is_reported_before_opset_13() -> None:
     made = model("y = Mul(x, b)", "float[N,C,H,W] x, float[M,D,J,K] b", opset=12)
-    with pytest.raises(UnsupportedGraphError, match="run time only.*opset 13"):
+    with pytest.raises(UnsupportedGraphError, match=r"run time only.*opset 13"):
         build_adjoint(Graph(made), "y", "x")
 
 
@@ -122,7 +126,9 @@ def test_gradients_by_a_value_inside_the_graph() -> None:
     both = with_adjoint(model("a = Relu(x)  b = Exp(a)  y = Mul(b, a)"), "a")
     x, seed = draw(2, 3, 4, 5), draw(2, 3, 4, 5, seed=1)
     a = np.maximum(x, 0)
-    np.testing.assert_allclose(run_ort(both, {"x": x, "seed": seed})[1], seed * np.exp(a) * (1 + a), rtol=1e-5)
+    np.testing.assert_allclose(
+        run_ort(both, {"x": x, "seed": seed})[1], seed * np.exp(a) * (1 + a), rtol=1e-5
+    )
 
 
 def test_preflight_lists_all_nodes_at_once_and_appends_nothing() -> None:
@@ -136,7 +142,12 @@ def test_preflight_lists_all_nodes_at_once_and_appends_nothing() -> None:
         build_adjoint(graph, "y", "x")
     assert graph.model.SerializeToString() == before
     found = {(n.op, n.name, n.opset) for n in caught.value.nodes}
-    assert {("Det", "node_0", 18), ("Asin", "node_1", 18), ("Magic", "node_3", 18), ("Acos", "node_4", 18)} <= found
+    assert {
+        ("Det", "node_0", 18),
+        ("Asin", "node_1", 18),
+        ("Magic", "node_3", 18),
+        ("Acos", "node_4", 18),
+    } <= found
     reasons = {n.op: n.reason for n in caught.value.nodes}
     assert reasons["Asin"] == "no rule"
     assert "com.example" in reasons["Magic"]
@@ -166,7 +177,7 @@ def test_a_subgraph_that_reads_the_image_is_reported() -> None:
     branch = "{} () => (float[N,C,H,W] {}) {{ {} = {}(x) }}"
     then, other = branch.format("t", "o1", "o1", "Relu"), branch.format("e", "o2", "o2", "Neg")
     made = model(f"y = If<then_branch = {then}, else_branch = {other}>(c)", "float[N,C,H,W] x, bool c")
-    with pytest.raises(UnsupportedGraphError, match="If .*no rule"):
+    with pytest.raises(UnsupportedGraphError, match=r"If .*no rule"):
         build_adjoint(Graph(made), "y", "x")
 
 
@@ -191,15 +202,16 @@ def test_a_layer_without_the_image_is_an_error(body: str) -> None:
 
 def test_registering_twice_is_an_error() -> None:
     with pytest.raises(ValueError, match="'Relu' is registered already"):
-        adjoint("Relu")(lambda ctx, node, grad: [grad])
+        adjoint("Relu")(lambda _ctx, _node, grad: [grad])
     with pytest.raises(ValueError, match="'Floor' is registered already"):
-        adjoint("Floor")(lambda ctx, node, grad: [grad])
+        adjoint("Floor")(lambda _ctx, _node, grad: [grad])
     with pytest.raises(ValueError, match="'Conv' is registered already"):
         no_gradient("Conv")
 
 
 def test_constants_written_as_nodes() -> None:
-    body = """s = Constant<value_float=0.25>()  a = Constant<value_ints=[-1]>()  m = Mul(x, s)  y = Unsqueeze(m, a)"""
+    body = """s = Constant<value_float=0.25>()
+              a = Constant<value_ints=[-1]>()  m = Mul(x, s)  y = Unsqueeze(m, a)"""
     graph = Graph(model(body, "float[N,C,H] x"))
     assert graph.constant("s") == 0.25
     assert graph.constant("a").tolist() == [-1]
@@ -207,15 +219,18 @@ def test_constants_written_as_nodes() -> None:
 
 
 def test_ops_that_only_move_numbers_keep_the_rank_known() -> None:
-    body = "g = GroupNormalization<num_groups=1>(x, s, s)  h = GroupNormalization<num_groups=2>(g, s, s)  y = Relu(h)"
+    body = """g = GroupNormalization<num_groups=1>(x, s, s)
+              h = GroupNormalization<num_groups=2>(g, s, s)  y = Relu(h)"""
     graph = Graph(model(body, "float[N,2,H,W] x, float[2] s", opset=21))
     assert graph.rank("h") == 4
     assert graph.rank("y") == 4
 
 
 def test_every_name_tells_the_forward_node() -> None:
-    made = model("a = Conv<kernel_shape=[3,3], strides=[2,2]>(x, w)  b = Relu(a)  y = MaxPool<kernel_shape=[3,3]>(b)",
-                 "float[N,2,H,W] x, float[2,2,3,3] w")  # fmt: skip
+    body = (
+        "a = Conv<kernel_shape=[3,3], strides=[2,2]>(x, w)  b = Relu(a)  y = MaxPool<kernel_shape=[3,3]>(b)"
+    )
+    made = model(body, "float[N,2,H,W] x, float[2,2,3,3] w")
     graph = Graph(made)
     build_adjoint(graph, "y", "x")
     emitted = [n.name for n in graph.nodes if not n.name.startswith("node_")]

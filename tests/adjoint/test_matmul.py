@@ -27,13 +27,34 @@ def gemm(turn_a: int, turn_b: int) -> Case:
 CASES = [
     Case("matmul", "MatMul", {"a": (3, 4), "b": (4, 5)}, torch.matmul, linear=True),
     Case("matmul_weight", "MatMul", {"x": (2, 3, 5)}, torch.matmul, constants={"w": WEIGHT}, linear=True),
-    Case("matmul_weight_first", "MatMul", {"x": (2, 6, 4)}, lambda x, w: w @ x, constants={"w": WEIGHT}, order=["w", "x"],
-         linear=True),
-    Case("matmul_batches", "MatMul", {"a": (2, 1, 3, 4), "b": (5, 4, 2)}, torch.matmul, linear=True, dynamic_from=13),
-    Case("matmul_attention", "MatMul", {"a": (2, 3, 4, 5), "b": (2, 3, 5, 4)}, torch.matmul, linear=True, dynamic_from=13),
+    Case(
+        "matmul_weight_first",
+        "MatMul",
+        {"x": (2, 6, 4)},
+        lambda x, w: w @ x,
+        constants={"w": WEIGHT},
+        order=["w", "x"],
+        linear=True,
+    ),
+    Case(
+        "matmul_batches",
+        "MatMul",
+        {"a": (2, 1, 3, 4), "b": (5, 4, 2)},
+        torch.matmul,
+        linear=True,
+        dynamic_from=13,
+    ),
+    Case(
+        "matmul_attention",
+        "MatMul",
+        {"a": (2, 3, 4, 5), "b": (2, 3, 5, 4)},
+        torch.matmul,
+        linear=True,
+        dynamic_from=13,
+    ),
     *(gemm(a, b) for a, b in itertools.product((0, 1), (0, 1))),
     Case("gemm_plain", "Gemm", {"x": (3, 5)}, lambda x, w: x @ w, constants={"w": WEIGHT}, linear=True),
-]  # fmt: skip
+]
 
 
 @rows(CASES)

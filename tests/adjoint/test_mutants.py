@@ -1,4 +1,4 @@
-"""The tests of the rules can fail: a wrong rule of every op is caught, and so are the likely mistakes of a family."""
+"""The tests of the rules can fail: a wrong rule of every op is caught, and likely mistakes too."""
 
 from __future__ import annotations
 
@@ -37,11 +37,22 @@ pytestmark = pytest.mark.torch
 CASES: list[Case] = [
     case
     for module in (
-        test_activation, test_conv, test_elementwise, test_matmul, test_normalization, test_padding, test_pieces,
-        test_pool, test_reduction, test_resize, test_shapes, test_smooth, test_softmax,
+        test_activation,
+        test_conv,
+        test_elementwise,
+        test_matmul,
+        test_normalization,
+        test_padding,
+        test_pieces,
+        test_pool,
+        test_reduction,
+        test_resize,
+        test_shapes,
+        test_smooth,
+        test_softmax,
     )
     for case in module.CASES
-]  # fmt: skip
+]
 CAUGHT = (AssertionError, InferenceError, Fail)  # wrong numbers, or a graph that does not fit together
 HAVE_THEIR_OWN_TESTS = {"QuantizeLinear", "DequantizeLinear", "CastLike"}
 
@@ -59,7 +70,9 @@ def replace_rule(monkeypatch: pytest.MonkeyPatch, op: str, wrap: Callable[[Any],
 def off_by_a_thousandth(rule: Any) -> Any:
     def wrong(ctx: Context, node: Any, *grads: str | None) -> Gradients:
         def off(grad: str | None) -> str | None:
-            factor = ctx.const(1.001, "wrong", like=node.input[0] if node.op_type != "Where" else node.input[1])
+            factor = ctx.const(
+                1.001, "wrong", like=node.input[0] if node.op_type != "Where" else node.input[1]
+            )
             return grad and ctx.op("Mul", grad, factor, role="wrongly")
 
         return [off(grad) for grad in rule(ctx, node, *grads)]
@@ -122,7 +135,11 @@ def all_ties(_rule: Any) -> Any:
             return ctx.op("Pad", up, pads, role="padded")
 
         hit = ctx.op("Equal", spread(node.output[0], "y_up"), node.input[0], role="hit")
-        return [ctx.op("Mul", spread(grad, "dy_up"), ctx.op("Cast", hit, role="mask", to=ctx.graph.elem_type("x")))]
+        return [
+            ctx.op(
+                "Mul", spread(grad, "dy_up"), ctx.op("Cast", hit, role="mask", to=ctx.graph.elem_type("x"))
+            )
+        ]
 
     return wrong
 
@@ -135,18 +152,24 @@ def zero_is_positive(_rule: Any) -> Any:
 FAMILIES: list[tuple[str, str, Callable[[Any], Any]]] = [
     ("pads_1", "Conv", skip_flip),
     ("relu", "Relu", zero_is_positive),
-    ("sub", "Sub", lambda _: lambda ctx, node, grad: [grad, grad]),
+    ("sub", "Sub", lambda _: lambda _ctx, _node, grad: [grad, grad]),
     ("mul", "Mul", lambda _: lambda ctx, node, grad: [ctx.op("Mul", grad, v) for v in node.input]),
-    ("transpose", "Transpose", lambda _: lambda ctx, node, grad: [
-        ctx.op("Transpose", grad, perm=ctx.attrs["perm"])]),
+    (
+        "transpose",
+        "Transpose",
+        lambda _: lambda ctx, _node, grad: [ctx.op("Transpose", grad, perm=ctx.attrs["perm"])],
+    ),
     ("concat", "Concat", lambda rule: lambda ctx, node, grad: [rule(ctx, node, grad)[i] for i in (2, 1, 0)]),
     ("reflect", "Pad", lambda rule: lambda ctx, node, grad: _as_constant(rule, ctx, node, grad)),
     ("softmax", "Softmax", lambda _: lambda ctx, node, grad: [ctx.op("Mul", grad, node.output[0])]),
-    ("instance", "InstanceNormalization", lambda _: lambda ctx, node, grad: [grad]),
-    ("depth_to_space_crd", "DepthToSpace", lambda _: lambda ctx, node, grad: [
-        ctx.op("SpaceToDepth", grad, blocksize=2)]),
-    ("matmul_attention", "MatMul", lambda _: lambda ctx, node, grad: [node.input[0], node.input[1]]),
-]  # fmt: skip
+    ("instance", "InstanceNormalization", lambda _: lambda _ctx, _node, grad: [grad]),
+    (
+        "depth_to_space_crd",
+        "DepthToSpace",
+        lambda _: lambda ctx, _node, grad: [ctx.op("SpaceToDepth", grad, blocksize=2)],
+    ),
+    ("matmul_attention", "MatMul", lambda _: lambda _ctx, node, _grad: [node.input[0], node.input[1]]),
+]
 
 
 def _as_constant(rule: Any, ctx: Context, node: Any, grad: str) -> Gradients:
@@ -202,12 +225,12 @@ def test_counting_the_padding_is_caught(monkeypatch: pytest.MonkeyPatch) -> None
 def test_forgotten_unbroadcasting_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     from elf_export.adjoint import broadcast
 
-    monkeypatch.setattr(broadcast, "unbroadcast", lambda ctx, sizes, grad, *_: grad)
+    monkeypatch.setattr(broadcast, "unbroadcast", lambda _ctx, _sizes, grad, *_: grad)
     with pytest.raises(CAUGHT):
         check(named("add_row"), 17)
 
 
 def test_saturation_that_is_forgotten_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
-    replace_rule(monkeypatch, "QuantizeLinear", lambda _: lambda ctx, node, grad: [grad])
+    replace_rule(monkeypatch, "QuantizeLinear", lambda _: lambda _ctx, _node, grad: [grad])
     with pytest.raises(CAUGHT):
         test_quantization.test_per_tensor(13, 0, 255, np.uint8)

@@ -1,4 +1,4 @@
-"""Whole small networks of the usual kinds, exported by torch with symbolic sizes, against autograd in float64."""
+"""Whole small networks of the usual kinds, exported with symbolic sizes, against autograd in float64."""
 
 from __future__ import annotations
 
@@ -43,7 +43,11 @@ class Mobile(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.up, self.depth, self.down = nn.Conv2d(3, 8, 1), nn.Conv2d(8, 8, 5, 2, 2, groups=8), nn.Conv2d(8, 4, 1)
+        self.up, self.depth, self.down = (
+            nn.Conv2d(3, 8, 1),
+            nn.Conv2d(8, 8, 5, 2, 2, groups=8),
+            nn.Conv2d(8, 4, 1),
+        )
         self.squeeze, self.excite = nn.Conv2d(8, 2, 1), nn.Conv2d(2, 8, 1)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
@@ -53,11 +57,15 @@ class Mobile(nn.Module):
 
 
 class Dense(nn.Module):
-    """A DenseNet with a U-Net's way back: concatenation, average pooling, upsampling to another map's size."""
+    """A DenseNet with a U-Net's way back: concatenation, average pooling, upsampling to a given size."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.a, self.b, self.c = nn.Conv2d(3, 4, 3, padding=1), nn.Conv2d(7, 4, 3, padding=1), nn.Conv2d(15, 5, 3)
+        self.a, self.b, self.c = (
+            nn.Conv2d(3, 4, 3, padding=1),
+            nn.Conv2d(7, 4, 3, padding=1),
+            nn.Conv2d(15, 5, 3),
+        )
         self.t = nn.ConvTranspose2d(4, 4, 2, 2)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
@@ -80,7 +88,9 @@ class Transformer(nn.Module):
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         x = self.patch(x).flatten(2).transpose(1, 2)
-        q, k, v = (t.reshape(t.shape[0], -1, 2, 4).transpose(1, 2) for t in self.qkv(self.norm(x)).chunk(3, -1))
+        q, k, v = (
+            t.reshape(t.shape[0], -1, 2, 4).transpose(1, 2) for t in self.qkv(self.norm(x)).chunk(3, -1)
+        )
         weights = (q @ k.transpose(-1, -2) * 0.5).softmax(-1)
         x = x + self.out((weights @ v).transpose(1, 2).flatten(2))
         return x + self.down(F.gelu(self.up(self.norm(x))))
@@ -91,8 +101,15 @@ class Normalized(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.a, self.b = nn.Conv2d(12, 8, 3, padding=1, padding_mode="reflect"), nn.Conv2d(8, 8, 3, padding=2, dilation=2)
-        self.instance, self.group, self.act = nn.InstanceNorm2d(8, affine=True), nn.GroupNorm(2, 8), nn.PReLU(8)
+        self.a, self.b = (
+            nn.Conv2d(12, 8, 3, padding=1, padding_mode="reflect"),
+            nn.Conv2d(8, 8, 3, padding=2, dilation=2),
+        )
+        self.instance, self.group, self.act = (
+            nn.InstanceNorm2d(8, affine=True),
+            nn.GroupNorm(2, 8),
+            nn.PReLU(8),
+        )
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         x = torch.cat([x[..., ::2, ::2], x[..., 1::2, ::2], x[..., ::2, 1::2], x[..., 1::2, 1::2]], 1)
@@ -108,8 +125,8 @@ def exported(module: nn.Module, opset: int) -> onnx.ModelProto:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         torch.onnx.export(
-            module, (torch.zeros(2, 3, 16, 24),), buffer, input_names=["x"], output_names=["y"], dynamic_axes=axes,
-            opset_version=opset, dynamo=False,
+            module, (torch.zeros(2, 3, 16, 24),), buffer, input_names=["x"], output_names=["y"],
+            dynamic_axes=axes, opset_version=opset, dynamo=False,
         )  # fmt: skip
     return onnx.load_from_string(buffer.getvalue())
 
@@ -126,7 +143,8 @@ NETWORKS = [
 
 
 @pytest.mark.parametrize(
-    ("kind", "opset", "shapes"), [(kind, opset, shapes) for kind, opsets, shapes in NETWORKS for opset in opsets]
+    ("kind", "opset", "shapes"),
+    [(kind, opset, shapes) for kind, opsets, shapes in NETWORKS for opset in opsets],
 )
 def test_network(kind: type[nn.Module], opset: int, shapes: list[tuple[int, ...]]) -> None:
     """F^T dF/dI, the layer being its own seed."""

@@ -14,13 +14,28 @@ SHAPE = {"x": (2, 3, 5, 7)}
 FAR = 2**63 - 1
 
 
-def cut(name: str, function: object, starts: list[int], ends: list[int], axes: list[int] | None, steps: list[int] | None) -> Case:
+def cut(
+    name: str,
+    function: object,
+    starts: list[int],
+    ends: list[int],
+    axes: list[int] | None,
+    steps: list[int] | None,
+) -> Case:
     bounds = {"starts": starts, "ends": ends, "axes": axes, "steps": steps}
     constants = {k: np.array(v, np.int64) for k, v in bounds.items() if v is not None}
     order = ["x", *(k if k in constants else "" for k in bounds)]
     while not order[-1]:
         order.pop()
-    return Case(f"slice_{name}", "Slice", SHAPE, lambda x, *_: function(x), constants=constants, order=order, linear=True)
+    return Case(
+        f"slice_{name}",
+        "Slice",
+        SHAPE,
+        lambda x, *_: function(x),
+        constants=constants,
+        order=order,
+        linear=True,
+    )
 
 
 def pick(name: str, indices: object, axis: int) -> Case:
@@ -34,17 +49,63 @@ def pick(name: str, indices: object, axis: int) -> Case:
 
 
 CASES = [
-    Case("concat", "Concat", {"a": (2, 3, 4), "b": (2, 1, 4), "c": (2, 2, 4)},
-         lambda *v: torch.cat(v, 1), {"axis": 1}, linear=True),
-    Case("concat_last", "Concat", {"a": (2, 3, 4), "b": (2, 3, 1)}, lambda *v: torch.cat(v, -1), {"axis": -1}, linear=True),
-    Case("concat_static_axis", "Concat", {"a": (2, 3, 4), "b": (2, 2, 4)}, lambda *v: torch.cat(v, 1), {"axis": 1},
-         static_axes=(1,), linear=True),
-    Case("split_attr", "Split", SHAPE, lambda x: x[..., :3], {"axis": 3, "split": [3, 2, 2]}, outputs=3,
-         opsets=(11, 12), linear=True),
-    Case("split_input", "Split", SHAPE, lambda x, s: x[..., :3], {"axis": -1}, {"s": np.array([3, 2, 2])}, outputs=3,
-         opsets=(13, 17, 20), linear=True),
-    Case("split_even", "Split", {"x": (2, 6, 3)}, lambda x: x[:, :2], {"axis": 1, "num_outputs": 3}, outputs=3,
-         opsets=(18, 20), linear=True, static_axes=(1,)),
+    Case(
+        "concat",
+        "Concat",
+        {"a": (2, 3, 4), "b": (2, 1, 4), "c": (2, 2, 4)},
+        lambda *v: torch.cat(v, 1),
+        {"axis": 1},
+        linear=True,
+    ),
+    Case(
+        "concat_last",
+        "Concat",
+        {"a": (2, 3, 4), "b": (2, 3, 1)},
+        lambda *v: torch.cat(v, -1),
+        {"axis": -1},
+        linear=True,
+    ),
+    Case(
+        "concat_static_axis",
+        "Concat",
+        {"a": (2, 3, 4), "b": (2, 2, 4)},
+        lambda *v: torch.cat(v, 1),
+        {"axis": 1},
+        static_axes=(1,),
+        linear=True,
+    ),
+    Case(
+        "split_attr",
+        "Split",
+        SHAPE,
+        lambda x: x[..., :3],
+        {"axis": 3, "split": [3, 2, 2]},
+        outputs=3,
+        opsets=(11, 12),
+        linear=True,
+    ),
+    Case(
+        "split_input",
+        "Split",
+        SHAPE,
+        lambda x, _s: x[..., :3],
+        {"axis": -1},
+        {"s": np.array([3, 2, 2])},
+        outputs=3,
+        opsets=(13, 17, 20),
+        linear=True,
+    ),
+    Case(
+        "split_even",
+        "Split",
+        {"x": (2, 6, 3)},
+        lambda x: x[:, :2],
+        {"axis": 1, "num_outputs": 3},
+        outputs=3,
+        opsets=(18, 20),
+        linear=True,
+        static_axes=(1,),
+    ),
     cut("inside", lambda x: x[:, :, 1:4, 2:6], [1, 2], [4, 6], [2, 3], None),
     cut("no_axes", lambda x: x[1:, 0:2], [1, 0], [2, 2], None, None),
     cut("negative", lambda x: x[..., -4:-1], [-4], [-1], [-1], None),
@@ -61,7 +122,7 @@ CASES = [
     pick("first", [1, 0, 1], 0),
     pick("matrix", [[0, 2, 1], [-1, 1, 0]], 1),
     pick("matrix_last", [[0, 2], [-1, 1]], 3),
-]  # fmt: skip
+]
 
 
 @rows(CASES)

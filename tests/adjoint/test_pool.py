@@ -51,7 +51,10 @@ def max_pool(name: str, shape: Sequence[int], attrs: dict[str, Any], **more: Any
     def function(x: torch.Tensor) -> torch.Tensor:
         padded = framed(x, sides_of(shape, attrs), float("-inf"))
         return MAX[n - 1](
-            padded, attrs["kernel_shape"], attrs.get("strides", [1] * n), dilation=attrs.get("dilations", [1] * n)
+            padded,
+            attrs["kernel_shape"],
+            attrs.get("strides", [1] * n),
+            dilation=attrs.get("dilations", [1] * n),
         )
 
     return Case(f"max_{name}", "MaxPool", {"x": shape}, function, attrs, **more)
@@ -97,28 +100,54 @@ BOTH = [
     ("mixed_strides", PLANE, {"kernel_shape": [2, 3], "strides": [1, 2]}, {}),
     ("line", (2, 3, 11), {"kernel_shape": [3], "strides": [2], "pads": [1, 0]}, {}),
     ("volume", (1, 2, 5, 4, 6), {"kernel_shape": [2, 2, 3], "strides": [2, 2, 2]}, {}),
-    ("volume_pads", (1, 2, 5, 4, 6), {"kernel_shape": [2, 3, 3], "strides": [2, 1, 2], "pads": [0, 1, 1, 1, 0, 1]}, {}),
+    (
+        "volume_pads",
+        (1, 2, 5, 4, 6),
+        {"kernel_shape": [2, 3, 3], "strides": [2, 1, 2], "pads": [0, 1, 1, 1, 0, 1]},
+        {},
+    ),
     ("ceil", PLANE, {"kernel_shape": [2, 2], "strides": [2, 2], "ceil_mode": 1}, {}),
     ("ceil_overlap", (2, 3, 8, 10), {"kernel_shape": [3, 3], "strides": [2, 2], "ceil_mode": 1}, {}),
     ("ceil_exact", (2, 3, 7, 9), {"kernel_shape": [3, 3], "strides": [2, 2], "ceil_mode": 1}, SMALL),
     *(
-        (f"{auto.lower()}_{h}x{w}_k{k}_s{s}", (2, 3, h, w), {"kernel_shape": [k, k], "strides": [s, s], "auto_pad": auto}, SMALL)
+        (
+            f"{auto.lower()}_{h}x{w}_k{k}_s{s}",
+            (2, 3, h, w),
+            {"kernel_shape": [k, k], "strides": [s, s], "auto_pad": auto},
+            SMALL,
+        )
         for auto, (h, w), (k, s) in itertools.product(
             ("SAME_UPPER", "SAME_LOWER"), ((7, 10), (8, 9)), ((2, 2), (3, 2), (3, 1), (5, 3))
         )
     ),
-]  # fmt: skip
+]
 
 CASES = [
     *(
-        max_pool(name, shape, attrs, **more, reference_from=NEVER if attrs.get("auto_pad") == "SAME_LOWER" else 0)
+        max_pool(
+            name, shape, attrs, **more, reference_from=NEVER if attrs.get("auto_pad") == "SAME_LOWER" else 0
+        )
         for name, shape, attrs, more in BOTH
     ),
     *(average_pool(name, shape, attrs, **more) for name, shape, attrs, more in BOTH),
     max_pool("dilated", (2, 3, 9, 11), {"kernel_shape": [2, 3], "strides": [1, 2], "dilations": [3, 2]}),
-    max_pool("dilated_pads", (2, 3, 9, 11), {"kernel_shape": [3, 2], "dilations": [2, 2], "pads": [1, 1, 2, 0]}),
-    max_pool("indices", (2, 3, 8, 6), {"kernel_shape": [2, 2], "strides": [2, 2]}, outputs=2, **SMALL, reference_from=NEVER),
-    average_pool("dilated", (2, 3, 9, 11), {"kernel_shape": [2, 3], "strides": [1, 2], "dilations": [3, 2]}, opsets=(19, 20)),
+    max_pool(
+        "dilated_pads", (2, 3, 9, 11), {"kernel_shape": [3, 2], "dilations": [2, 2], "pads": [1, 1, 2, 0]}
+    ),
+    max_pool(
+        "indices",
+        (2, 3, 8, 6),
+        {"kernel_shape": [2, 2], "strides": [2, 2]},
+        outputs=2,
+        **SMALL,
+        reference_from=NEVER,
+    ),
+    average_pool(
+        "dilated",
+        (2, 3, 9, 11),
+        {"kernel_shape": [2, 3], "strides": [1, 2], "dilations": [3, 2]},
+        opsets=(19, 20),
+    ),
     *(
         average_pool(f"counting_{name}", shape, {**attrs, "count_include_pad": 1}, **SMALL)
         for name, shape, attrs in (
@@ -128,11 +157,18 @@ CASES = [
         )
     ),
     average_pool(
-        "counting_ceil", (2, 3, 8, 10),
-        {"kernel_shape": [3, 3], "strides": [2, 2], "pads": [1, 1, 1, 1], "ceil_mode": 1, "count_include_pad": 1},
+        "counting_ceil",
+        (2, 3, 8, 10),
+        {
+            "kernel_shape": [3, 3],
+            "strides": [2, 2],
+            "pads": [1, 1, 1, 1],
+            "ceil_mode": 1,
+            "count_include_pad": 1,
+        },
         opsets=(19, 20),
     ),
-]  # fmt: skip
+]
 
 
 @rows(CASES)
@@ -156,7 +192,9 @@ def test_a_tie_goes_to_the_first_in_raster_order(attrs: dict[str, Any]) -> None:
     x = np.repeat(np.repeat(rng.integers(-2, 3, (2, 3, 4, 5)), 2, 2), 2, 3)[:, :, :7, :9].astype(np.float32)
     case = max_pool("ties", x.shape, attrs)
     leaf = torch.tensor(x, requires_grad=True)
-    y = F.max_pool2d(leaf, attrs["kernel_shape"], attrs["strides"], attrs.get("pads", [0])[0], attrs.get("dilations", 1))
+    y = F.max_pool2d(
+        leaf, attrs["kernel_shape"], attrs["strides"], attrs.get("pads", [0])[0], attrs.get("dilations", 1)
+    )
     seed = rng.standard_normal(tuple(y.shape)).astype(np.float32)
     (expected,) = torch.autograd.grad(y, leaf, torch.from_numpy(seed))
     both = with_adjoint(case.model(17, dynamic=True, dtype=np.float32), "x")

@@ -20,14 +20,26 @@ def reductions(op: str, function: Any, moved: int, **more: Any) -> list[Case]:
     before = [o for o in (11, 13, 17) if o < moved]
     after = [o for o in (13, 18, 20) if o >= moved]
     found = []
-    for label, axes, keep in (("hw", [2, 3], 1), ("hw_dropped", [-1, 2], 0), ("c", [1], 1), ("nc_dropped", [0, 1], 0)):
-        def torch_of(x: torch.Tensor, *_: torch.Tensor, axes: list[int] = axes, keep: int = keep) -> torch.Tensor:
+    for label, axes, keep in (
+        ("hw", [2, 3], 1),
+        ("hw_dropped", [-1, 2], 0),
+        ("c", [1], 1),
+        ("nc_dropped", [0, 1], 0),
+    ):
+
+        def torch_of(
+            x: torch.Tensor, *_: torch.Tensor, axes: list[int] = axes, keep: int = keep
+        ) -> torch.Tensor:
             return function(x, tuple(axes), bool(keep))
 
         name = f"{op}_{label}".lower()
-        found.append(Case(f"{name}_attr", op, SHAPE, torch_of, {"axes": axes, "keepdims": keep}, opsets=before, **more))
         found.append(
-            Case(name, op, SHAPE, torch_of, {"keepdims": keep}, {"axes": np.array(axes)}, opsets=after, **more)
+            Case(f"{name}_attr", op, SHAPE, torch_of, {"axes": axes, "keepdims": keep}, opsets=before, **more)
+        )
+        found.append(
+            Case(
+                name, op, SHAPE, torch_of, {"keepdims": keep}, {"axes": np.array(axes)}, opsets=after, **more
+            )
         )
     whole = Case(
         f"{op}_all".lower(), op, SHAPE, lambda x: function(x, (0, 1, 2, 3), False), {"keepdims": 0},
@@ -50,12 +62,22 @@ CASES = [
     *reductions("ReduceSumSquare", lambda x, a, k: (x * x).sum(a, keepdim=k), 18),
     *reductions("ReduceLogSumExp", lambda x, a, k: torch.logsumexp(x, a, keepdim=k), 18),
     Case("global_average", "GlobalAveragePool", SHAPE, lambda x: x.mean((2, 3), keepdim=True), linear=True),
-    Case("global_average_volume", "GlobalAveragePool", {"x": (2, 3, 2, 3, 4)},
-         lambda x: x.mean((2, 3, 4), keepdim=True), linear=True),
+    Case(
+        "global_average_volume",
+        "GlobalAveragePool",
+        {"x": (2, 3, 2, 3, 4)},
+        lambda x: x.mean((2, 3, 4), keepdim=True),
+        linear=True,
+    ),
     Case("global_max", "GlobalMaxPool", SHAPE, lambda x: x.amax((2, 3), keepdim=True)),
-    Case("global_max_line", "GlobalMaxPool", {"x": (2, 3, 6)}, lambda x: x.amax(2, keepdim=True),
-         reference_from=NEVER),
-]  # fmt: skip
+    Case(
+        "global_max_line",
+        "GlobalMaxPool",
+        {"x": (2, 3, 6)},
+        lambda x: x.amax(2, keepdim=True),
+        reference_from=NEVER,
+    ),
+]
 
 
 @rows(CASES)

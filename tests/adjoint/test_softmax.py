@@ -22,13 +22,30 @@ CASES = [
     for op, function in (("Softmax", torch.softmax), ("LogSoftmax", torch.log_softmax))
     for case in (
         Case(f"{op.lower()}", op, SHAPE, lambda x, f=function: f(x, -1), opsets=(13, 17, 20)),
-        Case(f"{op.lower()}_channels", op, SHAPE, lambda x, f=function: f(x, 1), {"axis": 1}, opsets=(13, 17, 20)),
+        Case(
+            f"{op.lower()}_channels",
+            op,
+            SHAPE,
+            lambda x, f=function: f(x, 1),
+            {"axis": 1},
+            opsets=(13, 17, 20),
+        ),
         # The reference evaluator normalises along one axis at every opset.
         Case(f"{op.lower()}_old", op, SHAPE, flat(function, 1), opsets=(11, 12), reference_from=NEVER),
-        Case(f"{op.lower()}_old_axis", op, SHAPE, flat(function, 2), {"axis": 2}, opsets=(11, 12), reference_from=NEVER),
-        Case(f"{op.lower()}_old_last", op, SHAPE, lambda x, f=function: f(x, -1), {"axis": 3}, opsets=(11, 12)),
+        Case(
+            f"{op.lower()}_old_axis",
+            op,
+            SHAPE,
+            flat(function, 2),
+            {"axis": 2},
+            opsets=(11, 12),
+            reference_from=NEVER,
+        ),
+        Case(
+            f"{op.lower()}_old_last", op, SHAPE, lambda x, f=function: f(x, -1), {"axis": 3}, opsets=(11, 12)
+        ),
     )
-]  # fmt: skip
+]
 
 
 @rows(CASES)

@@ -22,4 +22,12 @@ from . import (  # noqa: F401  (importing them registers their rules)
 from .engine import build_adjoint, nodes_between
 from .registry import Context, Gradients, adjoint, no_gradient, supported_ops
 
-__all__ = ["Context", "Gradients", "adjoint", "build_adjoint", "no_gradient", "nodes_between", "supported_ops"]
+__all__ = [
+    "Context",
+    "Gradients",
+    "adjoint",
+    "build_adjoint",
+    "no_gradient",
+    "nodes_between",
+    "supported_ops",
+]

@@ -28,7 +28,10 @@ def leaky_relu(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
 
 @adjoint("PRelu", inputs=None, broadcasts=True)
 def p_relu(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
-    """y = x if x > 0 else a x;  dx = dy if x > 0 else a dy,  da = 0 if x > 0 else x dy.   a broadcasts to x"""
+    """y = x if x > 0 else a x;  dx = dy if x > 0 else a dy,  da = 0 if x > 0 else x dy.
+
+    The slope a broadcasts to x.
+    """
     x, slope = node.input
     positive = is_positive(ctx, x)
     dx = ctx.op("Where", positive, grad_y, ctx.op("Mul", grad_y, slope, role="scaled"), role="dx")
@@ -48,7 +51,7 @@ def thresholded_relu(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradien
 
 @adjoint("Clip")
 def clip(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
-    """y = min(max(x, lo), hi);  dx = dy [lo < y < hi] = dy sign((y - lo) (hi - y)).   lo, hi: scalars or absent
+    """y = min(max(x, lo), hi);  dx = dy [lo < y < hi] = dy sign((y - lo) (hi - y)).   lo, hi: () or absent
 
     Both ends get zero, as in torch's relu6 and hardtanh (its clamp passes the gradient there).
     """

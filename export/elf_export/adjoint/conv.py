@@ -48,7 +48,7 @@ def conv(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
 
 
 def flipped(weight: Array, group: int) -> Array:
-    """Kernel of the adjoint of a stride-1 convolution: (O, I/g, k...) -> (I, O/g, k...), flipped along each k."""
+    """Kernel of a stride-1 convolution's adjoint: (O, I/g, k...) -> (I, O/g, k...), each k flipped."""
     out, per_group, *kernel = weight.shape
     swapped = weight.reshape(group, out // group, per_group, *kernel).swapaxes(1, 2)
     joined = swapped.reshape(group * per_group, out // group, *kernel)
@@ -110,12 +110,7 @@ def conv_transpose(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients
 def _same_surplus(ctx: Context) -> list[int]:
     """What auto_pad SAME cuts per axis, so that y is s times as large as x: e + r - s."""
     kernel = [d for d in (ctx.shape(ctx.node.input[1]) or [])[2:] if isinstance(d, int)]
-    ones = [1] * len(kernel)
-    a = ctx.attrs
-    return [
-        (k - 1) * d + 1 + r - s
-        for k, d, r, s in zip(
-            kernel, a.get("dilations", ones), a.get("output_padding", [0] * len(kernel)), a.get("strides", ones),
-            strict=True,
-        )
-    ]  # fmt: skip
+    ones, zeros = [1] * len(kernel), [0] * len(kernel)
+    dilations, strides = ctx.attrs.get("dilations", ones), ctx.attrs.get("strides", ones)
+    rest = ctx.attrs.get("output_padding", zeros)
+    return [(k - 1) * d + 1 + r - s for k, d, r, s in zip(kernel, dilations, rest, strides, strict=True)]

@@ -1,4 +1,4 @@
-"""Adjoints of elementwise arithmetic.  All may broadcast: the engine sums over the axes that were repeated."""
+"""Adjoints of elementwise arithmetic.  All may broadcast: the engine sums over the repeated axes."""
 
 from __future__ import annotations
 
@@ -84,7 +84,11 @@ def extreme(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     rest: str = grad_y
     grads: list[str | None] = []
     for i, x in enumerate(node.input[:-1]):
-        gap = ctx.op("Sub", y, x, role=f"gap_{i}") if node.op_type == "Max" else ctx.op("Sub", x, y, role=f"gap_{i}")
+        gap = (
+            ctx.op("Sub", y, x, role=f"gap_{i}")
+            if node.op_type == "Max"
+            else ctx.op("Sub", x, y, role=f"gap_{i}")
+        )
         passed = ctx.op("Mul", rest, ctx.op("Sign", gap, role=f"other_{i}"), role=f"passed_{i}")
         grads.append(ctx.op("Sub", rest, passed, role=f"taken_{i}") if ctx.wanted[i] else None)
         rest = passed

@@ -130,7 +130,9 @@ def why_unsupported(ctx: Context, live: set[str], sizes: Sizes) -> str | None:
             return f"its input {name!r} depends on the image; the rule takes what does not there"
     for i, name in enumerate(node.output):
         if entry.outputs is not None and i >= entry.outputs and name in live:
-            return f"its output {name!r} is used; the rule knows the gradient of the first {entry.outputs} only"
+            return (
+                f"its output {name!r} is used; the rule knows the gradient of the first {entry.outputs} only"
+            )
     reason = entry.supports(ctx) if entry.supports else None
     if reason is None and entry.broadcasts:
         reason = broadcast.why_not(ctx.graph, sizes, node, list(ctx.wanted), entry.core_axes)

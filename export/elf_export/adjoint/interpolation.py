@@ -27,8 +27,8 @@ def interpolation_matrix(ctx: Context, axis: int, position: int) -> str:
     tag, x = f"axis_{axis}", ctx.node.input[0]
     mode = ctx.attrs.get("mode", "nearest")
     size = size_of(ctx, x, axis, f"{tag}_size")
-    # Nearest rounds a coordinate, so it must be the runtime's own number: that is float32.  The other modes are
-    # continuous in it, and take x's type.
+    # Nearest rounds a coordinate, so it must be the runtime's own number: that is float32.  The other modes
+    # are continuous in it, and take x's type.
     dtype = np.dtype(np.float32) if mode == "nearest" else ctx.dtype(x)
     coordinates = _coordinates(ctx, axis, position, dtype)
     if mode == "nearest":
@@ -44,7 +44,10 @@ def interpolation_matrix(ctx: Context, axis: int, position: int) -> str:
     base = ctx.op("Cast", first, role=f"{tag}_base", to=TensorProto.INT64)
     last = ints(ctx, arithmetic(ctx, "Sub", size, [1], f"{tag}_last"), f"{tag}_last_int")
     zero = ctx.int64s([0], f"{tag}_none")
-    start, one = ctx.const(np.array(0, np.int64), f"{tag}_start"), ctx.const(np.array(1, np.int64), f"{tag}_step")
+    start, one = (
+        ctx.const(np.array(0, np.int64), f"{tag}_start"),
+        ctx.const(np.array(1, np.int64), f"{tag}_step"),
+    )
     columns = ctx.op("Range", start, scalar(ctx, size, f"{tag}_columns_end"), one, role=f"{tag}_columns")
     taps = []
     for t, weight in zip(offsets, weights, strict=True):
@@ -54,7 +57,9 @@ def interpolation_matrix(ctx: Context, axis: int, position: int) -> str:
         hit = ctx.op("Equal", unsqueeze(ctx, place, [1], f"{tag}_rows_{t}"), columns, role=f"{tag}_hit_{t}")
         tap = as_number(ctx, hit, x, f"{tag}_mask_{t}")
         if weight is not None:
-            tap = ctx.op("Mul", tap, unsqueeze(ctx, weight, [1], f"{tag}_w_{t}"), role=f"{tag}_tap_{t}_weighted")
+            tap = ctx.op(
+                "Mul", tap, unsqueeze(ctx, weight, [1], f"{tag}_w_{t}"), role=f"{tag}_tap_{t}_weighted"
+            )
         taps.append(tap)
     return taps[0] if len(taps) == 1 else ctx.op("Sum", *taps, role=f"{tag}_matrix")
 
@@ -80,7 +85,10 @@ def _coordinates(ctx: Context, axis: int, position: int, dtype: np.dtype[Any]) -
     def op(name: str, a: str, b: str, role: str) -> str:
         return ctx.op(name, a, b, role=f"{tag}_{role}")
 
-    out, own = real(size_of(ctx, y, axis, f"{tag}_out"), "out"), real(size_of(ctx, x, axis, f"{tag}_in"), "in")
+    out, own = (
+        real(size_of(ctx, y, axis, f"{tag}_out"), "out"),
+        real(size_of(ctx, x, axis, f"{tag}_in"), "in"),
+    )
     one, half = number(1, "unit"), number(0.5, "half")
     i = ctx.op("Range", number(0, "first"), out, one, role=f"{tag}_i")
     if mode == "align_corners":

@@ -36,14 +36,16 @@ def batch_normalization(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Grad
 
 
 def standardized_adjoint(ctx: Context, x: str, grad: str, axes: list[int], like: str) -> str:
-    """v = (x - m) / sqrt(var + eps), m and var over `axes`;  dx = (dv - mean dv - v mean(dv v)) / sqrt(var + eps)."""
+    """v = (x - m) / d, d = sqrt(var + eps);  dx = (dv - mean dv - v mean(dv v)) / d;  means over `axes`."""
     centred = ctx.op("Sub", x, mean(ctx, x, axes, "mean"), role="centred")
     variance = mean(ctx, ctx.op("Mul", centred, centred, role="squared"), axes, "variance")
     epsilon = ctx.const(ctx.attrs.get("epsilon", 1e-5), "epsilon", like=like)
     deviation = ctx.op("Sqrt", ctx.op("Add", variance, epsilon, role="shifted_variance"), role="deviation")
     v = ctx.op("Div", centred, deviation, role="standardized")
     along = ctx.op("Mul", v, mean(ctx, ctx.op("Mul", grad, v, role="dv_v"), axes, "along"), role="along_v")
-    rest = ctx.op("Sub", ctx.op("Sub", grad, mean(ctx, grad, axes, "dv_mean"), role="dv_centred"), along, role="dv_rest")
+    rest = ctx.op(
+        "Sub", ctx.op("Sub", grad, mean(ctx, grad, axes, "dv_mean"), role="dv_centred"), along, role="dv_rest"
+    )
     return ctx.op("Div", rest, deviation, role="dx")
 
 
@@ -76,8 +78,8 @@ def group_normalization(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Grad
     ones = ctx.int64s([-1] + [1] * (ctx.rank(x) - 2), "channels")
     grad = ctx.op("Mul", grad_y, ctx.op("Reshape", scale, ones, role="scale"), role="dv")
     grouped = ctx.int64s([0, ctx.attrs["num_groups"], -1], "grouped_shape")
-    rows = [ctx.op("Reshape", v, grouped, role=role) for v, role in ((x, "x_grouped"), (grad, "dv_grouped"))]
-    dx = standardized_adjoint(ctx, *rows, [2], x)
+    grad = ctx.op("Reshape", grad, grouped, role="dv_grouped")
+    dx = standardized_adjoint(ctx, ctx.op("Reshape", x, grouped, role="x_grouped"), grad, [2], x)
     return [ctx.op("Reshape", dx, shape_of(ctx, x, "x_shape"), role="dx_ungrouped")]
 
 
@@ -109,7 +111,9 @@ def local_response_normalization(ctx: Context, node: onnx.NodeProto, grad_y: str
 
     def window_sum(v: str, reach: list[int], role: str) -> str:
         # AveragePool over (N, 1, C, ...): the portable sum along channels, whatever their number.
-        rows = ctx.op("Reshape", v, ctx.op("Concat", *front, role=f"{role}_shape", axis=0), role=f"{role}_rows")
+        rows = ctx.op(
+            "Reshape", v, ctx.op("Concat", *front, role=f"{role}_shape", axis=0), role=f"{role}_rows"
+        )
         pooled = ctx.op(
             "AveragePool", rows, role=f"{role}_mean", kernel_shape=[size, 1], pads=[reach[0], 0, reach[1], 0],
             count_include_pad=1,
@@ -118,14 +122,23 @@ def local_response_normalization(ctx: Context, node: onnx.NodeProto, grad_y: str
 
     shape = shape_of(ctx, x, "x_shape")
     # (N, C, ...) -> (N, 1, C, the rest)
-    n_c = [ctx.op("Slice", shape, *(ctx.int64s([i], f"dim_{a}_{i}") for i in (a, a + 1, 0)), role=f"dim_{a}") for a in (0, 1)]
+    n_c = [
+        ctx.op("Slice", shape, *(ctx.int64s([i], f"dim_{a}_{i}") for i in (a, a + 1, 0)), role=f"dim_{a}")
+        for a in (0, 1)
+    ]
     front = [n_c[0], ctx.int64s([1], "single"), n_c[1], ctx.int64s([-1], "rest")]
 
     squares = window_sum(ctx.op("Mul", x, x, role="square"), [before, after], "squares")
-    scaled = ctx.op("Mul", squares, ctx.const(alpha, "alpha", like=x), role="scaled")  # the mean has 1/n already
+    scaled = ctx.op(
+        "Mul", squares, ctx.const(alpha, "alpha", like=x), role="scaled"
+    )  # the mean has 1/n already
     d = ctx.op("Add", scaled, ctx.const(ctx.attrs.get("bias", 1.0), "bias", like=x), role="d")
-    direct = ctx.op("Mul", grad_y, ctx.op("Pow", d, ctx.const(-beta, "minus_beta", like=x), role="gain"), role="direct")
+    direct = ctx.op(
+        "Mul", grad_y, ctx.op("Pow", d, ctx.const(-beta, "minus_beta", like=x), role="gain"), role="direct"
+    )
     pull = ctx.op("Div", ctx.op("Mul", grad_y, node.output[0], role="dy_y"), d, role="pull")
     spread = window_sum(pull, [after, before], "spread")
-    back = ctx.op("Mul", ctx.op("Mul", x, spread), ctx.const(2 * alpha * beta, "gain_back", like=x), role="indirect")
+    back = ctx.op(
+        "Mul", ctx.op("Mul", x, spread), ctx.const(2 * alpha * beta, "gain_back", like=x), role="indirect"
+    )
     return [ctx.op("Sub", direct, back, role="dx")]

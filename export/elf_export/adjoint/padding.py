@@ -36,7 +36,9 @@ def pad(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     if pads is None:
         shape = shape_of(ctx, x, "x_shape")
         begin = slice_axes(ctx, node.input[1], [0], [rank], [0], "begin")
-        return [slice_axes(ctx, grad_y, begin, ctx.op("Add", begin, shape, role="end"), list(range(rank)), "dx")]
+        return [
+            slice_axes(ctx, grad_y, begin, ctx.op("Add", begin, shape, role="end"), list(range(rank)), "dx")
+        ]
     axes = [int(a) % rank for a in ctx.value(ctx.input(3))] if ctx.input(3) else list(range(rank))  # type: ignore[union-attr]
     before, after = ([int(p) for p in half] for half in (pads[: len(axes)], pads[len(axes) :]))
     borders = {"reflect": _reflect, "edge": _edge, "wrap": _wrap}.get(ctx.attrs.get("mode", "constant"))

@@ -6,8 +6,20 @@ import numpy as np
 import onnx
 
 from .portable import (
-    FAR, Ints, arithmetic, concat_ints, flip, ints, one_hot, place, scalar, shape_of, size_of,
-    slice_axes, unsqueeze, zeros_like,
+    FAR,
+    Ints,
+    arithmetic,
+    concat_ints,
+    flip,
+    ints,
+    one_hot,
+    place,
+    scalar,
+    shape_of,
+    size_of,
+    slice_axes,
+    unsqueeze,
+    zeros_like,
 )  # fmt: skip
 from .registry import Context, Gradients, adjoint
 from .shapes import rank_is_known
@@ -51,8 +63,8 @@ def _slice_supports(ctx: Context) -> str | None:
 def slice_(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """y_k = x_{b + k s} along each axis;  dx_{b + k s} = dy_k, zero elsewhere.   s: the step
 
-    Clamped and negative bounds are resolved by slicing the places 0, 1, 2 ... of the axis in the same way; the
-    first that is left is b.  A backward slice is turned round, and s - 1 zeros are put between the pixels.
+    Clamped and negative bounds are resolved by slicing the places 0, 1, 2 ... of the axis in the same way;
+    the first that is left is b.  A backward slice is turned round, s - 1 zeros are put between the pixels.
     """
     x, starts, ends = node.input[:3]
     axes_value, steps_value = ctx.value(ctx.input(3)), ctx.value(ctx.input(4))
@@ -68,38 +80,56 @@ def slice_(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
         size = size_of(ctx, x, axis, f"{tag}_size")
         zero, one = ctx.const(0, f"{tag}_zero"), ctx.const(1, f"{tag}_one")
         places = ctx.op("Range", zero, scalar(ctx, size, f"{tag}_depth"), one, role=f"{tag}_places")
-        bound = [slice_axes(ctx, v, [i], [i + 1], [0], f"{tag}_{what}") for v, what in ((starts, "start"), (ends, "end"))]
+        bound = [
+            slice_axes(ctx, v, [i], [i + 1], [0], f"{tag}_{what}")
+            for v, what in ((starts, "start"), (ends, "end"))
+        ]
         bound = [ctx.op("Cast", b, role=f"{tag}_bound", to=onnx.TensorProto.INT64) for b in bound]
-        kept = ctx.op("Slice", places, *bound, ctx.int64s([0], f"{tag}_0"), ctx.int64s([step], f"{tag}_step"), role=f"{tag}_kept")
+        kept = ctx.op(
+            "Slice",
+            places,
+            *bound,
+            ctx.int64s([0], f"{tag}_0"),
+            ctx.int64s([step], f"{tag}_step"),
+            role=f"{tag}_kept",
+        )
         if step < 0:
             dx = flip(ctx, dx, [axis], f"{tag}_forwards")
         begin = slice_axes(ctx, kept, *(([0], [1]) if step > 0 else ([-1], [FAR])), [0], f"{tag}_begin")
         length: Ints = ctx.op("Shape", kept, role=f"{tag}_length")
         if abs(step) > 1:
-            dx, length = _spread(ctx, dx, x, axis, abs(step), arithmetic(ctx, "Sub", size, begin, f"{tag}_room"), tag)
+            dx, length = _spread(
+                ctx, dx, x, axis, abs(step), arithmetic(ctx, "Sub", size, begin, f"{tag}_room"), tag
+            )
         dx = place(ctx, dx, x, axis, begin, length, f"{tag}_placed")
     return [dx]
 
 
 def _spread(ctx: Context, dy: str, x: str, axis: int, step: int, room: Ints, tag: str) -> tuple[str, Ints]:
-    """`step` - 1 zeros behind each entry along `axis`, cut to `room`; and the length of that along the axis."""
+    """`step` - 1 zeros behind each entry along `axis`, cut to `room`; and the length of that."""
     rank = ctx.rank(x)
     column = unsqueeze(ctx, dy, [axis + 1], f"{tag}_column")
     pads = [0] * 2 * (rank + 1)
     pads[rank + 1 + axis + 1] = step - 1
-    padded = ctx.op("Pad", column, ctx.int64s(pads, f"{tag}_gaps"), ctx.const(0, f"{tag}_fill", like=x), mode="constant")
+    padded = ctx.op(
+        "Pad", column, ctx.int64s(pads, f"{tag}_gaps"), ctx.const(0, f"{tag}_fill", like=x), mode="constant"
+    )
     shape = ctx.op("Shape", dy, role=f"{tag}_shape")
     merge = concat_ints(ctx, [[1] * axis, [step], [1] * (rank - axis - 1)], f"{tag}_merge")
-    joined = ctx.op("Reshape", padded, ctx.op("Mul", shape, merge, role=f"{tag}_joined_shape"), role=f"{tag}_joined")
+    joined = ctx.op(
+        "Reshape", padded, ctx.op("Mul", shape, merge, role=f"{tag}_joined_shape"), role=f"{tag}_joined"
+    )
     cut = slice_axes(ctx, joined, [0], room, [axis], f"{tag}_cut")
-    return cut, slice_axes(ctx, ctx.op("Shape", cut, role=f"{tag}_cut_shape"), [axis], [axis + 1], [0], f"{tag}_cut_size")
+    return cut, slice_axes(
+        ctx, ctx.op("Shape", cut, role=f"{tag}_cut_shape"), [axis], [axis + 1], [0], f"{tag}_cut_size"
+    )
 
 
 @adjoint("Gather", supports=lambda ctx: rank_is_known(ctx) or (
     "unknown rank of the indices" if ctx.graph.rank(ctx.node.input[1]) is None else None
 ))  # fmt: skip
 def gather(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
-    """y = x[:, i_k, :] along an axis;  dx = sum over k of dy_k put at place i_k = dy P.   P: (K, D) one-hot rows
+    """y = x[:, i_k, :] along an axis;  dx = sum over k of dy_k put at place i_k = dy P.   P: (K, D), one-hot
 
     (pre, K..., post) -> (pre, post, K) P -> (pre, post, D) -> (pre, D, post)
     """
@@ -133,7 +163,9 @@ def along_axis(ctx: Context, dy: str, matrix: str, axis: int, rank: int, role: s
         return ctx.op("MatMul", turned, dy, role=role)
     perm = [*range(axis), *range(axis + 1, rank), axis]
     back = [*range(axis), rank - 1, *range(axis, rank - 1)]
-    product = ctx.op("MatMul", ctx.op("Transpose", dy, role=f"{role}_last", perm=perm), matrix, role=f"{role}_product")
+    product = ctx.op(
+        "MatMul", ctx.op("Transpose", dy, role=f"{role}_last", perm=perm), matrix, role=f"{role}_product"
+    )
     return ctx.op("Transpose", product, role=role, perm=back)
 
 

@@ -87,8 +87,8 @@ def _counts(ctx: Context, node: onnx.NodeProto, window: Window) -> str:
     ones = pad_spatial(ctx, ones, x, begin, spare, "framed")
     kernel = ctx.const(np.ones((1, 1, *window.kernel)), "count_kernel", like=x)
     counts = ctx.op(
-        "Conv", ones, kernel, role="counts_full", strides=list(window.strides), dilations=list(window.dilations),
-        kernel_shape=list(window.kernel),
+        "Conv", ones, kernel, role="counts_full", kernel_shape=list(window.kernel),
+        strides=list(window.strides), dilations=list(window.dilations),
     )  # fmt: skip
     size = spatial_shape(ctx, node.output[0], "counts_size")
     zero = ctx.int64s([0] * n, "counts_start")
@@ -172,7 +172,9 @@ def _interleave(ctx: Context, phases: Sequence[str], strides: Sequence[int]) -> 
         return ctx.op("DepthToSpace", joined, role="interleaved", blocksize=strides[0], mode="DCR")
     # (N, s1..sn, C, h1..hn) -> (N, C, h1, s1, ..., hn, sn) -> (N, C, h1 s1, ..., hn sn)
     size = slice_axes(ctx, ctx.op("Shape", phases[0], role="phase_shape"), [2], [FAR], [0], "phase_size")
-    apart = ctx.op("Reshape", joined, concat_ints(ctx, [[0, *strides, -1], size], "split_shape"), role="split")
+    apart = ctx.op(
+        "Reshape", joined, concat_ints(ctx, [[0, *strides, -1], size], "split_shape"), role="split"
+    )
     order = [0, n + 1, *itertools.chain.from_iterable((n + 2 + i, 1 + i) for i in range(n))]
     turned = ctx.op("Transpose", apart, role="turned", perm=order)
     merged = ctx.op("Mul", size, ctx.int64s(strides, "merge_strides"), role="merged_size")

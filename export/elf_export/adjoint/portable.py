@@ -66,7 +66,9 @@ def unsqueeze(ctx: Context, x: str, axes: Ints, role: str) -> str:
 def slice_axes(
     ctx: Context, x: str, starts: Ints, ends: Ints, axes: Ints, role: str, steps: Ints | None = None
 ) -> str:
-    bounds = [ints(ctx, v, f"{role}_{what}") for v, what in ((starts, "starts"), (ends, "ends"), (axes, "axes"))]
+    bounds = [
+        ints(ctx, v, f"{role}_{what}") for v, what in ((starts, "starts"), (ends, "ends"), (axes, "axes"))
+    ]
     if steps is not None:
         bounds.append(ints(ctx, steps, f"{role}_steps"))
     return ctx.op("Slice", x, *bounds, role=role)
@@ -111,7 +113,7 @@ def arithmetic(ctx: Context, op: str, a: Ints, b: Ints, role: str) -> Ints:
 
 
 def pad_axis(ctx: Context, x: str, like: str, axis: int, begin: Ints, end: Ints, role: str) -> str:
-    """Put `begin` and `end` zeros (both int64 (1,), >= 0) around `x` along one axis; `x` has `like`'s rank."""
+    """Put `begin` and `end` zeros (int64 (1,), >= 0) around `x` along one axis; `x` has `like`'s rank."""
     if begin == [0] and end == [0]:
         return x
     rank = ctx.rank(like)
@@ -135,7 +137,9 @@ def positive_part(ctx: Context, x: str, role: str) -> str:
 
 def zeros_like(ctx: Context, x: str, role: str) -> str:
     """Zeros of the shape and dtype of the forward value `x`."""
-    return ctx.op("Expand", ctx.const(0, f"{role}_zero", like=x), shape_of(ctx, x, f"{role}_shape"), role=role)
+    return ctx.op(
+        "Expand", ctx.const(0, f"{role}_zero", like=x), shape_of(ctx, x, f"{role}_shape"), role=role
+    )
 
 
 def as_number(ctx: Context, condition: str, like: str, role: str) -> str:

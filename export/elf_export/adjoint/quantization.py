@@ -26,16 +26,21 @@ def _quantize_supports(ctx: Context) -> str | None:
 def quantize(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """q = saturate(round(x / s) + z);  dx = dq [q_min <= round(x / s) + z <= q_max].
 
-    dq is in units of s q: the gradient of what the integers stand for, which a pair Quantize, Dequantize hands
-    through.  The zero is no detail: a quantiser that drops a Relu before unsigned integers relies on the
-    saturation in its place, and its mask would be lost.
+    dq is in units of s q: the gradient of what the integers stand for, which a pair Quantize, Dequantize
+    hands through.  The zero is no detail: a quantiser that drops a Relu before unsigned integers relies on
+    the saturation in its place, and its mask would be lost.
     """
     x = node.input[0]
     scale = _per_axis(ctx, node.input[1])
     zero = _per_axis(ctx, node.input[2]) if ctx.input(2) else np.zeros(1)
     limits = np.iinfo(ctx.dtype(node.output[0]))
     low, high = (limits.min - zero - 0.5) * scale, (limits.max - zero + 0.5) * scale
-    capped = ctx.op("Min", ctx.op("Max", x, ctx.const(low, "low", like=x), role="raised"), ctx.const(high, "high", like=x), role="capped")
+    capped = ctx.op(
+        "Min",
+        ctx.op("Max", x, ctx.const(low, "low", like=x), role="raised"),
+        ctx.const(high, "high", like=x),
+        role="capped",
+    )
     inside = ctx.op("Equal", x, capped, role="inside")
     return [ctx.op("Where", inside, grad_y, ctx.const(0, "zero", like=x), role="dx")]
 
@@ -49,7 +54,10 @@ def _dequantize_supports(ctx: Context) -> str | None:
 
 @adjoint("DequantizeLinear", supports=_dequantize_supports, through_integers=True)
 def dequantize(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
-    """x' = (q - z) s';  dq = dy s' / s in units of s q, s being the scale that q was made with: mostly dq = dy."""
+    """x' = (q - z) s';  dq = dy s' / s in units of s q, s being the scale that q was made with.
+
+    Mostly s = s', and dq = dy.
+    """
     source = _source(ctx)
     assert source is not None
     ratio = _per_axis(ctx, node.input[1]) / _per_axis(Context(ctx.graph, source), source.input[1])

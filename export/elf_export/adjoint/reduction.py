@@ -55,7 +55,9 @@ def count(ctx: Context, x: str, axes: list[int]) -> str:
     static = [d for d in dims if isinstance(d, int)]
     if len(static) == len(dims):
         return ctx.const(np.prod(static, dtype=np.int64), "count", like=x)
-    sizes = ctx.op("Gather", ctx.op("Shape", x, role="sizes"), ctx.int64s(axes, "count_axes"), role="reduced_sizes")
+    sizes = ctx.op(
+        "Gather", ctx.op("Shape", x, role="sizes"), ctx.int64s(axes, "count_axes"), role="reduced_sizes"
+    )
     product = ctx.op("ReduceProd", sizes, role="count_int", keepdims=0)
     return as_number(ctx, product, x, "count")
 
@@ -68,7 +70,9 @@ def reduce_extreme(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients
     mask = as_number(ctx, hit, x, "mask")
     if not axes:
         return [grad_y]
-    share = ctx.op("Div", _kept(ctx, grad_y, axes, "kept"), reduce(ctx, "ReduceSum", mask, axes, "hits"), role="share")
+    share = ctx.op(
+        "Div", _kept(ctx, grad_y, axes, "kept"), reduce(ctx, "ReduceSum", mask, axes, "hits"), role="share"
+    )
     return [ctx.op("Mul", mask, share, role="dx")]
 
 

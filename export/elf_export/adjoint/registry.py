@@ -14,10 +14,10 @@ from elf_export.graph import Array, Dim, Graph, attributes
 MIN_OPSET = 11  # Slice, Pad, Clip and Resize take their bounds as inputs from here on
 
 Gradients = Sequence[str | None]
-"""One value name per input of the node, None where an input gets no gradient; trailing Nones may be left out."""
+"""One value name per input of the node, None where it gets no gradient; trailing Nones may be left out."""
 
 Rule = Callable[..., Gradients]
-"""rule(ctx, node, *grad_y) -> Gradients; one `grad_y` per differentiated output, None if nobody used it."""
+"""rule(ctx, node, *grad_y); one `grad_y` per differentiated output, None if nobody used it."""
 
 RuleT = TypeVar("RuleT", bound=Rule)
 Supports = Callable[["Context"], str | None]
@@ -115,8 +115,8 @@ def adjoint(
     supports : function, optional
         ``supports(ctx)`` returns why this node can't be differentiated, or None if it can.
     inputs, outputs : int, optional
-        How many leading inputs the rule can differentiate, and of how many leading outputs it takes a gradient;
-        None for all.  A node that needs more is reported, never silently cut short.
+        How many leading inputs the rule can differentiate, and of how many leading outputs it takes a
+        gradient; None for all.  A node that needs more is reported, never silently cut short.
     broadcasts : bool
         The inputs are broadcast against one another; the engine sums their gradients back.
     core_axes : int

@@ -35,9 +35,9 @@ def _supports(ctx: Context) -> str | None:
 def resize(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """y_i = sum over taps t of w_t(c_i) x[clamp(floor(c_i) + t)] along an axis;  dx = dy A.   A: (K, D)
 
-    c_i is where output i lies in x (the coordinate_transformation_mode); nearest has one tap, linear two, cubic
-    four.  A is built when the graph runs, from the sizes of that run, and ONNX Runtime folds it where they are
-    static.  Nearest by a whole factor s, an upsampling layer, is a sum over blocks of s instead.
+    c_i is where output i lies in x (the coordinate_transformation_mode); nearest has one tap, linear two,
+    cubic four.  A is built when the graph runs, from the sizes of that run, and ONNX Runtime folds it where
+    they are static.  Nearest by a whole factor s, an upsampling layer, is a sum over blocks of s instead.
     """
     x, rank = node.input[0], ctx.rank(node.input[0])
     axes = [int(a) % rank for a in ctx.attrs.get("axes", range(rank))]

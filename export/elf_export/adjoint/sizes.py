@@ -1,8 +1,8 @@
 """Proving that two sizes known at run time only are the same size.
 
-ONNX's shape inference gives up a convolution's output size if the input's is symbolic.  Whether an operand is
-broadcast can then not be read off the shapes: both branches of a residual sum are "unknown".  Here a size is an
-expression in the sizes of the graph's inputs, and equal expressions are equal sizes.
+ONNX's shape inference gives up a convolution's output size if the input's is symbolic.  Whether an operand
+is broadcast can then not be read off the shapes: both branches of a residual sum are "unknown".  Here a size
+is an expression in the sizes of the graph's inputs, and equal expressions are equal sizes.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from elf_export.graph import Dim, Graph, attributes
 
 _KEEP_SHAPE = frozenset({
     "Identity", "Dropout", "Cast", "Relu", "LeakyRelu", "PRelu", "Clip", "HardSigmoid", "HardSwish",
-    "ThresholdedRelu", "Sigmoid", "Tanh", "Elu", "Selu", "Celu", "Softplus", "Softsign", "Mish", "Gelu", "Swish",
-    "Erf", "Exp", "Log", "Abs", "Neg", "Sqrt", "Reciprocal", "Softmax", "LogSoftmax", "LRN",
+    "ThresholdedRelu", "Sigmoid", "Tanh", "Elu", "Selu", "Celu", "Softplus", "Softsign", "Mish", "Gelu",
+    "Swish", "Erf", "Exp", "Log", "Abs", "Neg", "Sqrt", "Reciprocal", "Softmax", "LogSoftmax", "LRN",
     "BatchNormalization", "InstanceNormalization", "LayerNormalization", "GroupNormalization",
     "LpNormalization", "QuantizeLinear", "DequantizeLinear",
 })  # fmt: skip
@@ -55,7 +55,11 @@ class Sizes:
         if node.op_type in _KEEP_SHAPE:
             return self.of(node.input[0], axis)
         if node.op_type in _ELEMENTWISE:
-            sizes = {self.of(n, axis - len(shape) + r) for n in node.input if (r := self._rank(n, len(shape) - axis))}
+            sizes = {
+                self.of(n, axis - len(shape) + r)
+                for n in node.input
+                if (r := self._rank(n, len(shape) - axis))
+            }
             sizes.discard(1)
             return sizes.pop() if len(sizes) == 1 else unknown
         if node.op_type in _WINDOWS and (axis >= 2 or axis == 0):
@@ -93,5 +97,6 @@ def plus(size: Hashable, growth: int) -> Hashable:
     if isinstance(size, int):
         return size + growth
     if isinstance(size, tuple) and size[0] == "plus":
-        size, growth = size[1], growth + size[2]
+        _, size, before = size
+        growth += before
     return size if growth == 0 else ("plus", size, growth)

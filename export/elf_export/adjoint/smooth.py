@@ -33,7 +33,11 @@ def elu(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     alpha = ctx.attrs.get("alpha", SELU_ALPHA if selu else 1.0)
     exponential = ctx.op("Add", y, ctx.const(gamma * alpha, "gamma_alpha", like=x), role="exponential")
     gain = ctx.const(gamma, "gamma", like=x)
-    return [ctx.op("Mul", grad_y, ctx.op("Where", is_positive(ctx, x), gain, exponential, role="slope"), role="dx")]
+    return [
+        ctx.op(
+            "Mul", grad_y, ctx.op("Where", is_positive(ctx, x), gain, exponential, role="slope"), role="dx"
+        )
+    ]
 
 
 @adjoint("Celu", since_opset=12)
@@ -43,7 +47,9 @@ def celu(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     one = ctx.const(1, "one", like=x)
     scaled = ctx.op("Mul", y, ctx.const(1 / ctx.attrs.get("alpha", 1.0), "over_alpha", like=x), role="scaled")
     exponential = ctx.op("Add", scaled, one, role="exponential")
-    return [ctx.op("Mul", grad_y, ctx.op("Where", is_positive(ctx, x), one, exponential, role="slope"), role="dx")]
+    return [
+        ctx.op("Mul", grad_y, ctx.op("Where", is_positive(ctx, x), one, exponential, role="slope"), role="dx")
+    ]
 
 
 @adjoint("Softplus")
@@ -65,7 +71,9 @@ def mish(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """y = x t with t = tanh(softplus x);  dx = dy (t + x (1 - t^2) sigmoid(x))."""
     x = node.input[0]
     gate = ctx.op("Tanh", ctx.op("Softplus", x, role="softplus"), role="gate")
-    slope = ctx.op("Mul", _one_minus_square(ctx, gate, x), ctx.op("Sigmoid", x, role="sigmoid"), role="gate_slope")
+    slope = ctx.op(
+        "Mul", _one_minus_square(ctx, gate, x), ctx.op("Sigmoid", x, role="sigmoid"), role="gate_slope"
+    )
     return [_gated(ctx, grad_y, x, gate, slope)]
 
 
@@ -95,7 +103,9 @@ def gelu(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
 
     if ctx.attrs.get("approximate", "none") == "tanh":
         root, cubic = math.sqrt(2 / math.pi), 0.044715
-        inner = ctx.op("Add", times(square, cubic * root, "cubic"), ctx.const(root, "root", like=x), role="inner")
+        inner = ctx.op(
+            "Add", times(square, cubic * root, "cubic"), ctx.const(root, "root", like=x), role="inner"
+        )
         curve = ctx.op("Tanh", ctx.op("Mul", x, inner, role="u"), role="curve")
         du = times(square, 1.5 * cubic * root, "half_du_rest")
         du = ctx.op("Add", du, ctx.const(root / 2, "half_root", like=x), role="half_du")
@@ -124,9 +134,13 @@ def _gated(ctx: Context, grad_y: str, x: str, gate: str, slope: str) -> str:
 
 def _logistic_slope(ctx: Context, s: str, like: str) -> str:
     """s (1 - s), the derivative of the logistic function in terms of its value."""
-    return ctx.op("Mul", s, ctx.op("Sub", ctx.const(1, "unit", like=like), s, role="rest"), role="logistic_slope")
+    return ctx.op(
+        "Mul", s, ctx.op("Sub", ctx.const(1, "unit", like=like), s, role="rest"), role="logistic_slope"
+    )
 
 
 def _one_minus_square(ctx: Context, t: str, like: str) -> str:
     """1 - t^2, the derivative of tanh in terms of its value."""
-    return ctx.op("Sub", ctx.const(1, "unit", like=like), ctx.op("Mul", t, t, role="t_squared"), role="tanh_slope")
+    return ctx.op(
+        "Sub", ctx.const(1, "unit", like=like), ctx.op("Mul", t, t, role="t_squared"), role="tanh_slope"
+    )

@@ -49,10 +49,14 @@ def cut(model: onnx.ModelProto, outputs: Sequence[str]) -> onnx.ModelProto:
         old_outputs.get(name) or helper.make_tensor_value_info(name, graph.elem_type(name), graph.shape(name))
         for name in outputs
     ]
+    proto = result.graph
     for field, kept in (
-        (result.graph.node, nodes), (result.graph.initializer, initializers), (result.graph.input, kept_inputs),
-        (result.graph.value_info, kept_infos), (result.graph.output, new_outputs),
-    ):  # fmt: skip
+        (proto.node, nodes),
+        (proto.initializer, initializers),
+        (proto.input, kept_inputs),
+        (proto.value_info, kept_infos),
+        (proto.output, new_outputs),
+    ):
         copies = [type(item)() for item in kept]
         for copy, item in zip(copies, kept, strict=True):
             copy.CopyFrom(item)
