@@ -34,13 +34,17 @@ class ImageRef:
     quarter_turns : int
         The file is turned so many times by 90 degrees, counter-clockwise, first of all.
     view : View, optional
-        Rotation, zoom or homography of the resized image (derived datasets).
+        Rotation, zoom or homography of the resized image.
+    exact : bool
+        Resize by OpenCV's bit-exact bilinear filter, whose pixels are the same on every machine and version
+        (derived datasets), instead of the usual one, which differs from it by a grey level here and there.
     """
 
     name: str
     path: Path
     quarter_turns: int = 0
     view: View | None = None
+    exact: bool = False
 
     def digest(self, size: Size | None) -> str:
         """Identity of the evaluated pixels: of the file's bytes and of all that is done to them."""
@@ -49,7 +53,7 @@ class ImageRef:
         except OSError as error:
             raise EvalError(f"{self.path}: {error.strerror or error}") from error
         view = None if self.view is None else [type(self.view).__name__, asdict(self.view)]
-        how = json.dumps([PREPARATION, size, self.quarter_turns, view])
+        how = json.dumps([PREPARATION, size, self.quarter_turns, view, self.exact])
         return hashlib.sha256(hashlib.sha256(data).digest() + how.encode()).hexdigest()
 
     def open(self, size: Size | None) -> Image:
@@ -101,8 +105,8 @@ class Image:
         source = (pixels.shape[1], pixels.shape[0])
         if self._wanted is not None and self._wanted != source:
             matrix = resize_matrix(source, self._wanted) @ matrix
-            # The bit-exact variant: the same pixels on every machine and with every version.
-            pixels = cv2.resize(np.ascontiguousarray(pixels), self._wanted, interpolation=cv2.INTER_LINEAR_EXACT)
+            bilinear = cv2.INTER_LINEAR_EXACT if self.ref.exact else cv2.INTER_LINEAR
+            pixels = cv2.resize(np.ascontiguousarray(pixels), self._wanted, interpolation=bilinear)
         pixels = np.ascontiguousarray(pixels)
         if self.ref.view is not None:
             change = self.ref.view.matrix((pixels.shape[1], pixels.shape[0]))

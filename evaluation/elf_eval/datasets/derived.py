@@ -7,6 +7,7 @@ In pixels of the file the two images of a pair are the same, so the ground truth
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ..errors import EvalError
 from ..images import ImageRef
@@ -36,7 +37,7 @@ def _from_references(spec: Spec, parameter: str, views: Sequence[tuple[float, Vi
     wanted = spec.take("scenes", lambda text: text.split(","), [])
     pairs = []
     for folder in scene_folders(spec, part, wanted):
-        first = reference(folder)
+        first = replace(reference(folder), exact=True)
         for value, view in views:
             pairs.append(Pair(folder.name, first, _seen(first, f"{spec.kind}-{value:g}", view), Homography(), value))
     return Dataset(spec.kind, tuple(pairs), parameter)
@@ -54,7 +55,7 @@ def synthetic(spec: Spec) -> Dataset:
         raise EvalError(f"{spec.text}: count is at least 1, strength between 0 and 0.5")
     pairs = []
     for i, path in enumerate(images_in(spec.folder())):
-        first = ImageRef(path.name, path)
+        first = ImageRef(path.name, path, exact=True)
         for k in range(count):
             view = RandomHomography(seed + i * count + k, strength)
             pairs.append(Pair(path.stem, first, _seen(first, f"homography-{k + 1}", view), Homography()))
@@ -63,4 +64,4 @@ def synthetic(spec: Spec) -> Dataset:
 
 def _seen(first: ImageRef, label: str, view: View) -> ImageRef:
     stem, dot, ending = first.name.rpartition(".")
-    return ImageRef(f"{stem}@{label}{dot}{ending}", first.path, view=view)
+    return replace(first, name=f"{stem}@{label}{dot}{ending}", view=view)

@@ -76,8 +76,9 @@ class OpenCv(Method):
             keypoints, descriptors = engine.detect(pixels, None), None
         else:
             keypoints, descriptors = engine.detectAndCompute(pixels, None)
+            descriptors = _no_descriptors(engine) if descriptors is None else descriptors
         if not keypoints:
-            return LocalFeatures.build(np.zeros((0, 2)), 0.0)
+            return LocalFeatures.build(np.zeros((0, 2)), 0.0, descriptors)
         # MSER has no response: its largest regions first.
         score = [k.size if self._kind == "mser" else k.response for k in keypoints]
         return LocalFeatures.build(
@@ -98,9 +99,10 @@ class OpenCv(Method):
                 zip(features.keypoints, features.sizes, features.angles, features.scores, strict=True)
             )
         ]
-        kept, descriptors = self._make(max(1, len(keypoints))).compute(self._input(image), keypoints)
+        engine = self._make(max(1, len(keypoints)))
+        kept, descriptors = engine.compute(self._input(image), keypoints)
         if not kept:
-            return features.take(slice(0)).described(np.zeros((0, 1), np.float32))
+            return features.take(slice(0)).described(_no_descriptors(engine))
         return features.take([k.class_id for k in kept]).described(np.asarray(descriptors))
 
 
@@ -113,6 +115,12 @@ def _factory(name: str, kind: str) -> Any:
         f"{kind}: this OpenCV build ({cv2.__version__}) has no {name}; "
         "opencv-contrib-python-headless may have it, or read the features from disk (npz:, h5:)"
     )
+
+
+def _no_descriptors(engine: Any) -> Any:
+    """(0, D) of the engine's D and type."""
+    binary = engine.descriptorType() == cv2.CV_8U
+    return np.zeros((0, engine.descriptorSize()), np.uint8 if binary else np.float32)
 
 
 def _number(text: str) -> Any:

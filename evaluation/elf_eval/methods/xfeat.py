@@ -19,6 +19,7 @@ import onnxruntime as ort
 
 from ..errors import EvalError
 from ..features import FloatArray, LocalFeatures
+from ..geometry import Float
 from ..images import Image
 from ..spec import Spec, file_digest
 from .base import Method, code_digest
@@ -56,8 +57,9 @@ class XFeat(Method):
         points = candidates[:, ::-1].astype(np.float32)
         trust = sample_cells(reliability[None], points)[:, 0]
         scores = heat[candidates[:, 0], candidates[:, 1]] * trust
-        found = LocalFeatures.build(points, scores, sample_descriptors(descriptors, points)).first(limit)
-        return LocalFeatures.build((found.keypoints + 0.5) / ratio - 0.5, found.scores, found.descriptors)
+        found = LocalFeatures.build(points, scores).first(limit)
+        own = sample_descriptors(descriptors, found.keypoints)
+        return LocalFeatures.build((found.keypoints + 0.5) / ratio - 0.5, found.scores, own)
 
     def describe(self, image: Image, features: LocalFeatures) -> LocalFeatures:
         descriptors, _, _, ratio = self._run(image)
@@ -91,19 +93,37 @@ def local_maxima(heat: FloatArray, radius: int) -> npt.NDArray[np.bool_]:
     return np.asarray(heat == cv2.dilate(heat, window))
 
 
-def sample_cells(maps: FloatArray, points: FloatArray, interpolation: int = cv2.INTER_LINEAR) -> FloatArray:
-    """(N, C) values of (C, h, w) maps at (N, 2) pixels; the centre of cell i lies at pixel 8 i + 3.5."""
-    if len(points) == 0:
-        return np.zeros((0, len(maps)), np.float32)
-    cells = ((points + 0.5) / CELL - 0.5).astype(np.float32)
-    sampled = [
-        cv2.remap(m, cells[:, 0], cells[:, 1], interpolation, borderMode=cv2.BORDER_REPLICATE)[:, 0] for m in maps
-    ]
-    return np.stack(sampled, axis=1)
+def sample_cells(maps: FloatArray, points: FloatArray, cubic: bool = False) -> FloatArray:
+    """(N, C) values of (C, h, w) maps at (N, 2) pixels; the centre of cell i lies at pixel 8 i + 3.5.
+
+    Bilinear, or bicubic with Keys' kernel (a = -0.75); outside the map its border cells go on.
+    """
+    height, width = maps.shape[1:]
+    cells = (points.astype(np.float64) + 0.5) / CELL - 0.5
+    floor = np.floor(cells).astype(np.int64)
+    reach = range(-1, 3) if cubic else range(0, 2)
+    out = np.zeros((len(points), len(maps)))
+    for dy in reach:
+        row = np.clip(floor[:, 1] + dy, 0, height - 1)
+        weight_y = _kernel(cells[:, 1] - (floor[:, 1] + dy), cubic)
+        for dx in reach:
+            column = np.clip(floor[:, 0] + dx, 0, width - 1)
+            weight = weight_y * _kernel(cells[:, 0] - (floor[:, 0] + dx), cubic)
+            out += weight[:, None] * maps[:, row, column].T
+    return out.astype(np.float32)
+
+
+def _kernel(distance: Float, cubic: bool) -> Float:
+    x, a = np.abs(distance), -0.75
+    if not cubic:
+        return np.maximum(1.0 - x, 0.0)
+    near = ((a + 2.0) * x - (a + 3.0)) * x * x + 1.0
+    far = ((a * x - 5.0 * a) * x + 8.0 * a) * x - 4.0 * a
+    return np.where(x <= 1.0, near, np.where(x < 2.0, far, 0.0))
 
 
 def sample_descriptors(maps: FloatArray, points: FloatArray) -> FloatArray:
     """(N, 64) of unit rows: the cells' unit descriptors, interpolated and made unit again."""
     unit = maps / np.maximum(np.linalg.norm(maps, axis=0), 1e-12)
-    rows = sample_cells(unit, points, cv2.INTER_CUBIC)
+    rows = sample_cells(unit, points, cubic=True)
     return np.asarray(rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-12), np.float32)
