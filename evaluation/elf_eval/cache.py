@@ -59,8 +59,9 @@ def default_folder() -> Path:
 class FeatureCache:
     """One .npz a method and image.
 
-    The name is a hash of the image's bytes, of what is done to it, of the method's fingerprint and of the number
-    of keypoints: a changed file, setting, model or version is another name, and nothing ever has to be cleared.
+    The name is a hash of the image's bytes, of what is done to it, of the method's fingerprint and of the
+    number of keypoints: a changed file, setting, model or version is another name, and nothing ever has to
+    be cleared.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -95,7 +96,9 @@ def load(path: Path) -> Extracted | None:
     """None where there is no such file, or only the rest of an interrupted one."""
     try:
         with np.load(path, allow_pickle=False) as data:
-            features = LocalFeatures(*(data[k] for k in ("keypoints", "scores", "descriptors", "sizes", "angles")))
+            features = LocalFeatures(
+                *(data[k] for k in ("keypoints", "scores", "descriptors", "sizes", "angles"))
+            )
             width, height = (int(v) for v in data["size"])
             return Extracted(features, (width, height), data["to_working"], float(data["seconds"]))
     except (OSError, KeyError, ValueError, zipfile.BadZipFile):

@@ -1,4 +1,4 @@
-"""Plane geometry in pixel coordinates: integer = pixel centre, (x, y), so an image spans [-0.5, width - 0.5)."""
+"""Geometry in pixels, (x, y): integer = pixel centre, so that an image spans [-0.5, width - 0.5)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Float = npt.NDArray[np.float64]
 Size = tuple[int, int]  # (width, height)
 
 
-def warp(matrix: Float, points: Any) -> Float:
+def warp(matrix: npt.NDArray[np.floating], points: Any) -> Float:
     """Apply a homography.
 
     Parameters

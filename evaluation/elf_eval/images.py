@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -52,7 +52,7 @@ class ImageRef:
             data = self.path.read_bytes()
         except OSError as error:
             raise EvalError(f"{self.path}: {error.strerror or error}") from error
-        view = None if self.view is None else [type(self.view).__name__, asdict(self.view)]
+        view = None if self.view is None else repr(self.view)
         how = json.dumps([PREPARATION, size, self.quarter_turns, view, self.exact])
         return hashlib.sha256(hashlib.sha256(data).digest() + how.encode()).hexdigest()
 

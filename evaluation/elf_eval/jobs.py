@@ -62,7 +62,7 @@ _open: dict[tuple[str, str | None, int | None], Method] = {}
 
 
 def run_extract(job: ExtractJob) -> ExtractDone:
-    """Features into the cache.  A worker keeps the method of its last job open, and no other: memory is flat."""
+    """Features into the cache.  A worker keeps its last job's method open, no other: memory is flat."""
     key = (job.detector, job.descriptor, job.threads)
     if key not in _open:
         _open.clear()

@@ -74,7 +74,7 @@ class Protocol:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Protocol:
-        """From plain data, such as a suite's ``[protocol]`` table; ``size = "source"`` keeps images as they are.
+        """From plain data, such as a suite's ``[protocol]``; ``size = "source"`` keeps images as they are.
 
         Raises
         ------

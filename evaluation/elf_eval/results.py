@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import elf_runtime
 import numpy as np
 import onnxruntime
+
+import elf_runtime
 
 from .errors import EvalError
 
@@ -24,15 +25,20 @@ SCHEMA = 1
 
 @dataclass(frozen=True)
 class PairResult:
-    """The metrics of one method on one pair; see `pair_metrics` for their names."""
+    """The metrics of one method on one pair of images; see `pair_metrics` for their names."""
 
     dataset: str
     scene: str
-    pair: str
+    first: str
+    second: str
     method: str
     counts: str
     parameter: float | None
     metrics: Mapping[str, float | None]
+
+    @property
+    def pair(self) -> str:
+        return f"{self.first} - {self.second}"
 
 
 @dataclass(frozen=True)
@@ -84,7 +90,9 @@ class Results:
             data = json.loads(path.read_text())
             schema = data.pop("schema", None)
             if schema != SCHEMA:
-                raise EvalError(f"{path}: results of schema {schema}, this version reads {SCHEMA}; run it again")
+                raise EvalError(
+                    f"{path}: results of schema {schema}, this version reads {SCHEMA}; run it again"
+                )
             data["pairs"] = [PairResult(**pair) for pair in data["pairs"]]
             return cls(**data)
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:

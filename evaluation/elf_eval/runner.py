@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -45,13 +45,17 @@ class Resources:
     quiet: bool = False
 
 
-def run(suite: Suite, resources: Resources, log: Path | None = None) -> Results:
+def run(
+    suite: Suite, resources: Resources, log: Path | None = None, scenes: Collection[str] | None = None
+) -> Results:
     """Evaluate every method of `suite` on every pair of its datasets.
 
     Parameters
     ----------
     log : Path, optional
         Finished pairs are appended to this file as they come; an interrupted run that finds it goes on there.
+    scenes : names, optional
+        Only the pairs of these.
 
     Raises
     ------
@@ -59,13 +63,17 @@ def run(suite: Suite, resources: Resources, log: Path | None = None) -> Results:
         On a dataset or method that can't be opened, or an image or pair that can't be evaluated.
     """
     datasets = [(entry, open_dataset(suite.expand(entry.spec))) for entry in suite.datasets]
+    if scenes is not None:
+        datasets = [(entry, dataset.only(scenes)) for entry, dataset in datasets]
     methods, skipped = _usable(suite, resources)
     refs = list(dict.fromkeys(ref for _, dataset in datasets for ref in dataset.images()))
     features = _extract(suite, [entry for entry, _ in methods], refs, resources)
     pairs: list[PairResult] = []
     done = _read_log(log)
     for entry, dataset in datasets:
-        pairs += _evaluate(suite, entry.name, dataset, [m for m, _ in methods], features, resources, done, log)
+        pairs += _evaluate(
+            suite, entry.name, dataset, [m for m, _ in methods], features, resources, done, log
+        )
     return Results(
         protocol=suite.protocol.to_dict(),
         methods=[_about(entry, print_, features) for entry, print_ in methods],
@@ -79,26 +87,32 @@ def run(suite: Suite, resources: Resources, log: Path | None = None) -> Results:
 
 def _usable(suite: Suite, resources: Resources) -> tuple[list[tuple[MethodEntry, str]], list[dict[str, str]]]:
     """The methods that open, with their fingerprints, and the optional ones that don't, with the reason."""
-    usable, skipped = [], []
-    for entry in suite.methods:
-        try:
-            method = open_methods(*_texts(suite, entry), resources.threads)
-            usable.append((entry, method.fingerprint))
-        except EvalError as error:
-            if not entry.optional:
-                raise EvalError(f"method {entry.name!r}: {error}") from error
-            reason = str(error).replace(suite.expand(entry.detector), entry.detector)
-            skipped.append({"name": entry.name, "reason": reason})
+    opened = [(entry, *_fingerprint(suite, entry, resources.threads)) for entry in suite.methods]
+    usable = [(entry, fingerprint) for entry, fingerprint, _ in opened if fingerprint]
+    skipped = [{"name": entry.name, "reason": reason} for entry, _, reason in opened if reason]
     if not usable:
         raise EvalError(f"none of the methods can be opened: {[s['reason'] for s in skipped]}")
     return usable, skipped
+
+
+def _fingerprint(suite: Suite, entry: MethodEntry, threads: int | None) -> tuple[str, str]:
+    """The method's fingerprint, or "" and the reason why it can't be opened."""
+    try:
+        return open_methods(*_texts(suite, entry), threads).fingerprint, ""
+    except EvalError as error:
+        if not entry.optional:
+            raise EvalError(f"method {entry.name!r}: {error}") from error
+        # The text as written: a report should not depend on where the files lie.
+        return "", str(error).replace(suite.expand(entry.detector), entry.detector)
 
 
 def _texts(suite: Suite, entry: MethodEntry) -> tuple[str, str | None]:
     return suite.expand(entry.detector), suite.expand(entry.descriptor) if entry.descriptor else None
 
 
-def _extract(suite: Suite, entries: list[MethodEntry], refs: list[ImageRef], resources: Resources) -> Features:
+def _extract(
+    suite: Suite, entries: list[MethodEntry], refs: list[ImageRef], resources: Resources
+) -> Features:
     keys = [(entry, ref) for entry in entries for ref in refs]
     jobs = [
         ExtractJob(*_texts(suite, entry), resources.threads, ref, suite.protocol, resources.cache)
@@ -145,7 +159,17 @@ def _evaluate(
                 file.write(json.dumps([row.key, values]) + "\n")
         progress.step(f"{row.method}: {row.pair.name}")
     return [
-        PairResult(name, r.pair.scene, r.pair.name, r.method, r.counts, r.pair.parameter, done[r.key]) for r in rows
+        PairResult(
+            name,
+            row.pair.scene,
+            row.pair.first.name,
+            row.pair.second.name,
+            row.method,
+            row.counts,
+            row.pair.parameter,
+            done[row.key],
+        )
+        for row in rows
     ]
 
 
@@ -159,7 +183,9 @@ def _rows(suite: Suite, dataset: Dataset, methods: list[str], features: Features
             for method in methods:
                 found = [features[method, ref] for ref in images]
                 limits = [
-                    min(features[m, ref].count for m in methods) if counts == "equal" else protocol.max_keypoints
+                    min(features[m, ref].count for m in methods)
+                    if counts == "equal"
+                    else protocol.max_keypoints
                     for ref in images
                 ]
                 job = PairJob(found[0].path, found[1].path, (limits[0], limits[1]), pair, protocol)
@@ -206,7 +232,7 @@ def _about_dataset(name: str, spec: str, dataset: Dataset, suite: Suite) -> dict
         "spec": spec,
         "parameter": dataset.parameter,
         "pairs": len(dataset.pairs),
-        "scenes": len({p.scene for p in dataset.pairs}),
+        "scenes": len(dataset.scenes()),
         "images": len(refs),
         "sha256": sha.hexdigest(),
     }

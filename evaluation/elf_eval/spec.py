@@ -66,7 +66,9 @@ class Spec:
     def finish(self) -> None:
         """Raises EvalError where an option was not taken by anyone."""
         if self.options:
-            raise EvalError(f"{self.text}: unknown options {sorted(self.options)}; known are {sorted(self.known)}")
+            raise EvalError(
+                f"{self.text}: unknown options {sorted(self.options)}; known are {sorted(self.known)}"
+            )
 
     def file(self, what: str) -> Path:
         """The argument as the path of an existing file."""
@@ -81,6 +83,11 @@ class Spec:
         if not self.argument or not path.is_dir():
             raise EvalError(f"{self.text}: no such folder: {self.argument or '(none given)'}")
         return path
+
+
+def names(text: str) -> list[str]:
+    """``a,b`` -> ["a", "b"]; none in an empty text."""
+    return [name for name in text.split(",") if name]
 
 
 def boolean(text: str) -> bool:

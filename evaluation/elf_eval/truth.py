@@ -159,7 +159,7 @@ def through_depth(
 def _look_up(depth: npt.NDArray[np.float32], points: Float) -> Float:
     """(N,) depth at the nearest pixel; NaN outside the map or where it is unknown."""
     height, width = depth.shape
-    known = np.isfinite(points).all(axis=1)
+    known: npt.NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
     column, row = np.rint(np.where(known[:, None], points, -1.0)).astype(np.int64).T
     within = known & (column >= 0) & (column < width) & (row >= 0) & (row < height)
     z = np.full(len(points), np.nan)

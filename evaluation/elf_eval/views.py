@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -11,16 +11,16 @@ import numpy.typing as npt
 from .geometry import Float, Size, corners
 
 
-class View(Protocol):
+class View(ABC):
     """A change of the working image, by a homography of its pixels."""
 
+    @abstractmethod
     def matrix(self, size: Size) -> Float:
         """(3, 3): pixels of the working image -> pixels of the view, which has the same (width, height)."""
-        ...
 
 
 @dataclass(frozen=True)
-class Rotation:
+class Rotation(View):
     """By `degrees` clockwise (y points down) about the image's centre, on the same canvas."""
 
     degrees: float
@@ -33,7 +33,7 @@ class Rotation:
 
 
 @dataclass(frozen=True)
-class Zoom:
+class Zoom(View):
     """By `factor` about the image's centre, on the same canvas: above 1, the borders go out of sight."""
 
     factor: float
@@ -43,8 +43,8 @@ class Zoom:
 
 
 @dataclass(frozen=True)
-class RandomHomography:
-    """Every corner is moved inwards or outwards by up to `strength` of the width and height; `seed` fixes it."""
+class RandomHomography(View):
+    """Every corner is moved by up to `strength` of the width and height; `seed` fixes how."""
 
     seed: int
     strength: float

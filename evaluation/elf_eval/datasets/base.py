@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
 
-from ..images import ImageRef
-from ..truth import Truth
+from elf_eval.images import ImageRef
+from elf_eval.truth import Truth
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,14 @@ class Dataset:
     name: str
     pairs: tuple[Pair, ...]
     parameter: str | None = None
+
+    def scenes(self) -> list[str]:
+        """Names of the scenes, in the order of the pairs."""
+        return list(dict.fromkeys(pair.scene for pair in self.pairs))
+
+    def only(self, scenes: Collection[str]) -> Dataset:
+        """The pairs of these scenes."""
+        return replace(self, pairs=tuple(pair for pair in self.pairs if pair.scene in scenes))
 
     def images(self) -> Iterator[ImageRef]:
         """Every image once, in the order of the pairs."""

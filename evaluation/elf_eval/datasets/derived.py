@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..errors import EvalError
-from ..images import ImageRef
-from ..spec import Spec
-from ..truth import Homography
-from ..views import RandomHomography, Rotation, View, Zoom
+from elf_eval.errors import EvalError
+from elf_eval.images import ImageRef
+from elf_eval.spec import Spec, names
+from elf_eval.truth import Homography
+from elf_eval.views import RandomHomography, Rotation, View, Zoom
+
 from .base import Dataset, Pair
 from .files import images_in
 from .hpatches import reference, scene_folders
@@ -34,12 +35,14 @@ def scale(spec: Spec) -> Dataset:
 
 def _from_references(spec: Spec, parameter: str, views: Sequence[tuple[float, View]]) -> Dataset:
     part = spec.take("part", str, "")
-    wanted = spec.take("scenes", lambda text: text.split(","), [])
+    wanted = names(spec.take("scenes", str, ""))
     pairs = []
     for folder in scene_folders(spec, part, wanted):
         first = replace(reference(folder), exact=True)
         for value, view in views:
-            pairs.append(Pair(folder.name, first, _seen(first, f"{spec.kind}-{value:g}", view), Homography(), value))
+            pairs.append(
+                Pair(folder.name, first, _seen(first, f"{spec.kind}-{value:g}", view), Homography(), value)
+            )
     return Dataset(spec.kind, tuple(pairs), parameter)
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import EvalError
-from ..geometry import Float
-from ..images import IMAGE_ENDINGS
-from ..truth import Homography
+from elf_eval.errors import EvalError
+from elf_eval.geometry import Float
+from elf_eval.images import IMAGE_ENDINGS
+from elf_eval.truth import Homography
 
 
 def is_image(path: Path) -> bool:

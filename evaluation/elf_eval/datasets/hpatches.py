@@ -1,6 +1,6 @@
 """HPatches' sequences, and whatever has their layout: ``i_*`` illumination, ``v_*`` viewpoint.
 
-    root/v_boat/1.ppm ... 6.ppm, H_1_2 ... H_1_6        H_1_k: pixels of image 1 -> pixels of image k
+root/v_boat/1.ppm ... 6.ppm, H_1_2 ... H_1_6        H_1_k: pixels of image 1 -> pixels of image k
 """
 
 from __future__ import annotations
@@ -8,22 +8,32 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from ..errors import EvalError
-from ..images import ImageRef
-from ..spec import Spec, boolean
+from elf_eval.errors import EvalError
+from elf_eval.images import ImageRef
+from elf_eval.spec import Spec, boolean, names
+
 from .base import Dataset, Pair
 from .files import folders_in, only_image, read_homography
 
 # Left out of the evaluation of D2-Net, and of most since, for their large images.
 USUALLY_DROPPED = frozenset(
-    "i_contruction i_crownnight i_dc i_pencils i_whitebuilding v_artisans v_astronautis v_talent".split()
+    [
+        "i_contruction",
+        "i_crownnight",
+        "i_dc",
+        "i_pencils",
+        "i_whitebuilding",
+        "v_artisans",
+        "v_astronautis",
+        "v_talent",
+    ]
 )
 
 
 def hpatches(spec: Spec) -> Dataset:
-    """``hpatches:FOLDER``; options ``part=i`` or ``v``, ``scenes=a,b``, ``drop8=true`` (`USUALLY_DROPPED`)."""
+    """``hpatches:FOLDER``; options ``part=i`` or ``v``, ``scenes=a,b``, ``drop8=true``."""
     part = spec.take("part", str, "")
-    wanted = spec.take("scenes", lambda text: text.split(","), [])
+    wanted = names(spec.take("scenes", str, ""))
     drop = spec.take("drop8", boolean, False)
     pairs: list[Pair] = []
     for folder in scene_folders(spec, part, wanted):
@@ -61,9 +71,7 @@ def scene_pairs(folder: Path) -> list[Pair]:
     if not others:
         raise EvalError(f"{folder}: expected images 1.*, 2.*, ... and homographies H_1_2, ...")
     first = reference(folder)
-    return [
-        Pair(folder.name, first, _image(folder, k), read_homography(folder / f"H_1_{k}")) for k in others
-    ]
+    return [Pair(folder.name, first, _image(folder, k), read_homography(folder / f"H_1_{k}")) for k in others]
 
 
 def reference(folder: Path) -> ImageRef:

@@ -8,17 +8,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..errors import EvalError
-from ..images import ImageRef
-from ..spec import Spec
-from ..truth import Calibrated
+from elf_eval.errors import EvalError
+from elf_eval.images import ImageRef
+from elf_eval.spec import Spec
+from elf_eval.truth import Calibrated
+
 from .base import Dataset, Pair
 
 _FIELDS = 38
 
 
 def posed(spec: Spec) -> Dataset:
-    """``pairs:FILE``; option ``images=FOLDER`` (by default the file's own).  The scene is the name's folder."""
+    """``pairs:FILE``; option ``images=FOLDER`` (by default the file's own).  A name's folder is the scene."""
     listing = spec.file("pairs file")
     root = Path(spec.take("images", str, str(listing.parent))).expanduser()
     pairs = []

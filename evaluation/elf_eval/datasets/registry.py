@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from ..errors import EvalError
-from ..spec import Spec
+from elf_eval.errors import EvalError
+from elf_eval.spec import Spec
+
 from .base import Dataset
 from .derived import rotation, scale, synthetic
 from .hpatches import hpatches

@@ -2,8 +2,8 @@
 
     root/fountain/0000.png, 0000.png.camera, [0000.depth.npy], ...
 
-A ``.camera`` file holds K (3x3), three numbers of radial distortion, R (3x3), the centre C (3) and the image's
-width and height; a point X of the world lies at K R^T (X - C).
+A ``.camera`` file holds K (3x3), three numbers of radial distortion, R (3x3), the centre C (3) and the
+image's width and height; a point X of the world lies at K R^T (X - C).
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import EvalError
-from ..geometry import Float
-from ..images import ImageRef
-from ..spec import Spec
-from ..truth import Calibrated
+from elf_eval.errors import EvalError
+from elf_eval.geometry import Float
+from elf_eval.images import ImageRef
+from elf_eval.spec import Spec
+from elf_eval.truth import Calibrated
+
 from .base import Dataset, Pair
 from .files import folders_in, images_in, is_image
 
@@ -52,7 +53,9 @@ def read_camera(path: Path) -> tuple[Float, Float]:
     except (OSError, ValueError) as error:
         raise EvalError(f"{path}: not a .camera file: {error}") from error
     if numbers.size not in (24, 26):  # with or without the image's size
-        raise EvalError(f"{path}: expected K, distortion, R, C [and the size]: 24 or 26 numbers, not {numbers.size}")
+        raise EvalError(
+            f"{path}: expected K, distortion, R, C [and the size]: 24 or 26 numbers, not {numbers.size}"
+        )
     if numbers[9:12].any():
         raise EvalError(f"{path}: radial distortion {numbers[9:12]}; undistort the image first")
     rotation, centre = numbers[12:21].reshape(3, 3), numbers[21:24]
@@ -69,14 +72,20 @@ def _pair(scene: str, a: tuple[Path, Float, Float], b: tuple[Path, Float, Float]
     depth1, depth2 = (d if d.is_file() else None for d in depths)
     transform = b[2] @ np.linalg.inv(a[2])
     truth = Calibrated(
-        tuple(a[1].ravel().tolist()), tuple(b[1].ravel().tolist()), tuple(transform.ravel().tolist()), depth1, depth2
+        tuple(a[1].ravel().tolist()),
+        tuple(b[1].ravel().tolist()),
+        tuple(transform.ravel().tolist()),
+        depth1,
+        depth2,
     )
     refs = [ImageRef(f"{scene}/{path.name}", path) for path in (a[0], b[0])]
     return Pair(scene, refs[0], refs[1], truth)
 
 
 def _camera_file(image: Path) -> Path:
-    found = [p for p in (image.with_name(image.name + ".camera"), image.with_suffix(".camera")) if p.is_file()]
+    found = [
+        p for p in (image.with_name(image.name + ".camera"), image.with_suffix(".camera")) if p.is_file()
+    ]
     if not found:
         raise EvalError(f"{image}: no camera file {image.name}.camera or {image.stem}.camera beside it")
     return found[0]

@@ -1,15 +1,16 @@
 """Webcam sequences (TILDE's layout): a fixed camera, so that the ground truth is the identity.
 
-    root/Chamonix/*.jpg,  or  root/Chamonix/test/image_color/*.png
+root/Chamonix/*.jpg,  or  root/Chamonix/test/image_color/*.png
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from ..images import ImageRef
-from ..spec import Spec
-from ..truth import Homography
+from elf_eval.images import ImageRef
+from elf_eval.spec import Spec
+from elf_eval.truth import Homography
+
 from .base import Dataset, Pair
 from .files import folders_in, images_in, is_image
 

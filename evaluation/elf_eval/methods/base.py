@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-from ..errors import EvalError
-from ..features import LocalFeatures
-from ..images import Image
+from elf_eval.errors import EvalError
+from elf_eval.features import LocalFeatures
+from elf_eval.images import Image
 
 
 class Method:
@@ -32,6 +32,7 @@ class Method:
         EvalError
             If the method only describes.
         """
+        del image, limit
         raise EvalError(f"{type(self).__name__} has no detector of its own; choose one with --detector")
 
     def describe(self, image: Image, features: LocalFeatures) -> LocalFeatures:
@@ -42,6 +43,7 @@ class Method:
         EvalError
             If the method only detects.
         """
+        del image, features
         raise EvalError(f"{type(self).__name__} has no descriptor of its own; choose one with --descriptor")
 
 
@@ -62,4 +64,3 @@ def code_digest(*files: str | Path) -> str:
     for file in sorted(str(f) for f in files):
         sha.update(Path(file).read_bytes())
     return sha.hexdigest()[:12]
-

@@ -6,15 +6,16 @@ import json
 from pathlib import Path
 from typing import Any
 
-import elf_runtime
 import onnxruntime
+
+import elf_runtime
+from elf_eval.errors import EvalError
+from elf_eval.features import LocalFeatures
+from elf_eval.images import Image
+from elf_eval.settings import detection_changes
+from elf_eval.spec import Spec, file_digest
 from elf_runtime import ElfError, ElfRuntime, SettingError
 
-from ..errors import EvalError
-from ..features import LocalFeatures
-from ..images import Image
-from ..settings import detection_changes
-from ..spec import Spec, file_digest
 from .base import Method, code_digest
 
 
@@ -45,7 +46,9 @@ class Elf(Method):
 
     def extract(self, image: Image, limit: int) -> LocalFeatures:
         changes: dict[str, Any] = {**self._settings, "max_keypoints": limit}
-        found = self._runtime.detect(image.pixels, preset=self._preset, descriptor=self._descriptor, **changes)
+        found = self._runtime.detect(
+            image.pixels, preset=self._preset, descriptor=self._descriptor, **changes
+        )
         return LocalFeatures.build(
             found.keypoints, found.scores, found.descriptors, sizes=2.0 * self._nms_radius + 1.0
         )

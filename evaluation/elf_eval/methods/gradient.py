@@ -6,17 +6,18 @@ import json
 from pathlib import Path
 
 import cv2
-import elf_runtime
 import numpy as np
+
+import elf_runtime
+from elf_eval.errors import EvalError
+from elf_eval.features import FloatArray, LocalFeatures
+from elf_eval.images import Image
+from elf_eval.settings import detection_changes
+from elf_eval.spec import Spec
 from elf_runtime import SettingError, preset
 from elf_runtime.nms import greedy_nms
 from elf_runtime.threshold import scores_and_mask
 
-from ..errors import EvalError
-from ..features import FloatArray, LocalFeatures
-from ..images import Image
-from ..settings import detection_changes
-from ..spec import Spec
 from .base import Method, code_digest
 
 
@@ -37,7 +38,9 @@ class Gradient(Method):
         if self._params.scale != 1.0:
             raise EvalError(f"{spec.text}: an image gradient works at full resolution, not at scale")
         code = code_digest(*Path(elf_runtime.__file__).parent.glob("*.py"), __file__)
-        self.fingerprint = json.dumps([spec.kind, self._params.to_dict(), code, cv2.__version__], sort_keys=True)
+        self.fingerprint = json.dumps(
+            [spec.kind, self._params.to_dict(), code, cv2.__version__], sort_keys=True
+        )
 
     def extract(self, image: Image, limit: int) -> LocalFeatures:
         grey = cv2.cvtColor(image.pixels, cv2.COLOR_BGR2GRAY).astype(np.float32)
@@ -52,7 +55,7 @@ class Gradient(Method):
 def gradient_saliency(grey: FloatArray, kind: str) -> FloatArray:
     """(H, W) float32, >= 0: the 3x3 Sobel gradient's magnitude, or the absolute 3x3 Laplacian."""
     if kind == "laplacian":
-        return np.abs(cv2.Laplacian(grey, cv2.CV_32F, ksize=3))
+        return np.asarray(np.abs(cv2.Laplacian(grey, cv2.CV_32F, ksize=3)), np.float32)
     dx = cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=3)
     dy = cv2.Sobel(grey, cv2.CV_32F, 0, 1, ksize=3)
     return np.asarray(np.hypot(dx, dy), np.float32)

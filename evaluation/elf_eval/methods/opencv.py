@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import ast
 from typing import Any
 
 import cv2
 import numpy as np
 
-from ..errors import EvalError
-from ..features import LocalFeatures
-from ..images import Image
-from ..spec import Spec, file_digest
+from elf_eval.errors import EvalError
+from elf_eval.features import LocalFeatures
+from elf_eval.images import Image
+from elf_eval.spec import Spec, file_digest
+
 from .base import Method, code_digest
 
 # Name in OpenCV, and the argument that sets the number of keypoints, where there is one.  Without it the
@@ -106,15 +108,24 @@ class OpenCv(Method):
         return features.take([k.class_id for k in kept]).described(np.asarray(descriptors))
 
 
+def installed(kind: str) -> bool:
+    """Whether the installed OpenCV has this method."""
+    return _find(OPENCV[kind][0]) is not None
+
+
+def _find(name: str) -> Any:
+    modules = (cv2, getattr(cv2, "xfeatures2d", None))
+    return next((f for f in (getattr(m, f"{name}_create", None) for m in modules) if f is not None), None)
+
+
 def _factory(name: str, kind: str) -> Any:
-    for module in (cv2, getattr(cv2, "xfeatures2d", None)):
-        factory = getattr(module, f"{name}_create", None)
-        if factory is not None:
-            return factory
-    raise EvalError(
-        f"{kind}: this OpenCV build ({cv2.__version__}) has no {name}; "
-        "opencv-contrib-python-headless may have it, or read the features from disk (npz:, h5:)"
-    )
+    factory = _find(name)
+    if factory is None:
+        raise EvalError(
+            f"{kind}: this OpenCV build ({cv2.__version__}) has no {name}; "
+            "opencv-contrib-python-headless may have it, or read the features from disk (npz:, h5:)"
+        )
+    return factory
 
 
 def _no_descriptors(engine: Any) -> Any:
@@ -124,9 +135,7 @@ def _no_descriptors(engine: Any) -> Any:
 
 
 def _number(text: str) -> Any:
-    for convert in (int, float):
-        try:
-            return convert(text)
-        except ValueError:
-            continue
-    return {"true": True, "false": False}.get(text, text)
+    try:
+        return ast.literal_eval(text)  # 3, 0.04
+    except (ValueError, SyntaxError):
+        return {"true": True, "false": False}.get(text, text)

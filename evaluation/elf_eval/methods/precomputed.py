@@ -15,17 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import EvalError
-from ..features import LocalFeatures
-from ..geometry import warp
-from ..images import Image
-from ..spec import Spec
+from elf_eval.errors import EvalError
+from elf_eval.features import LocalFeatures
+from elf_eval.geometry import warp
+from elf_eval.images import Image
+from elf_eval.spec import Spec
+
 from .base import Method
 
 
 class Precomputed(Method):
-    """Options: ``frame=source`` (keypoints in pixels of the file, the default) or ``working`` (of the image as
-    resized), and for npz ``suffix=.npz``.  Without scores the order in the file is the order of strength.
+    """Options: ``frame=source`` (keypoints in pixels of the file, the default) or ``working`` (of the image
+    as resized), and for npz ``suffix=.npz``.  Without scores the file's order is the order of strength.
     """
 
     cacheable = False

@@ -6,8 +6,9 @@ import importlib
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from ..errors import EvalError
-from ..spec import Spec
+from elf_eval.errors import EvalError
+from elf_eval.spec import Spec
+
 from .base import Composed, Method
 from .elf import Elf
 from .gradient import Gradient
@@ -33,8 +34,8 @@ METHODS: Mapping[str, Factory] = MappingProxyType(
 def open_method(text: str, threads: int | None = None) -> Method:
     """The method that a text such as ``elf:vgg.onnx?preset=paper`` names.
 
-    ``plugin:package.module.factory?...`` calls ``factory(spec, threads)`` of an importable module, which takes
-    its options from the spec (`Spec.take`) and returns a `Method`.
+    ``plugin:package.module.factory?...`` calls ``factory(spec, threads)`` of an importable module, which
+    takes its options from the spec (`Spec.take`) and returns a `Method`.
 
     Raises
     ------

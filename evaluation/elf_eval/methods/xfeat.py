@@ -17,11 +17,12 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime as ort
 
-from ..errors import EvalError
-from ..features import FloatArray, LocalFeatures
-from ..geometry import Float
-from ..images import Image
-from ..spec import Spec, file_digest
+from elf_eval.errors import EvalError
+from elf_eval.features import FloatArray, LocalFeatures
+from elf_eval.geometry import Float
+from elf_eval.images import Image
+from elf_eval.spec import Spec, file_digest
+
 from .base import Method, code_digest
 
 CELL = 8  # pixels
@@ -29,7 +30,7 @@ _MULTIPLE = 32  # the encoder halves the image five times
 
 
 class XFeat(Method):
-    """``xfeat:FILE.onnx``; options ``threshold=0.05`` (keypoint probability) and ``nms_radius=2`` (pixels)."""
+    """``xfeat:FILE.onnx``; options ``threshold=0.05`` (of a keypoint) and ``nms_radius=2`` (pixels)."""
 
     def __init__(self, spec: Spec, threads: int | None) -> None:
         path = spec.file("XFeat's ONNX file")
@@ -67,7 +68,7 @@ class XFeat(Method):
         return features.described(sample_descriptors(descriptors, points))
 
     def _run(self, image: Image) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Descriptors (64, h, w), logits (65, h, w), reliability (h, w), and network pixels per image pixel."""
+        """Descriptors (64, h, w), logits (65, h, w), reliability (h, w), and the network's pixels per pixel."""
         width, height = image.size
         size = tuple(max(_MULTIPLE, n // _MULTIPLE * _MULTIPLE) for n in (width, height))
         pixels = image.pixels if size == (width, height) else cv2.resize(image.pixels, size)
@@ -101,7 +102,7 @@ def sample_cells(maps: FloatArray, points: FloatArray, cubic: bool = False) -> F
     height, width = maps.shape[1:]
     cells = (points.astype(np.float64) + 0.5) / CELL - 0.5
     floor = np.floor(cells).astype(np.int64)
-    reach = range(-1, 3) if cubic else range(0, 2)
+    reach = range(-1, 3) if cubic else range(2)
     out = np.zeros((len(points), len(maps)))
     for dy in reach:
         row = np.clip(floor[:, 1] + dy, 0, height - 1)

@@ -11,13 +11,15 @@ Pairs = npt.NDArray[np.int64]
 def greedy_matching(distance: npt.NDArray[np.float64], limit: float = np.inf) -> Pairs:
     """Match rows to columns one to one: of the pairs left, always the closest next.
 
-    The plain loop sorts all pairs by (distance, row, column) and takes each one whose row and column are both
-    free.  Here all pairs that are the best of their row and of their column are taken at once: nothing that
-    comes before such a pair in the loop's order can use its row or column, so the loop takes it too; what is
-    left is the same problem, smaller.  The closest pair of all is always among them, so every round takes some.
+    The plain loop sorts all pairs by (distance, row, column) and takes each one whose row and column are
+    both free.  Here all pairs that are the best of their row and of their column are taken at once: nothing
+    that comes before such a pair in the loop's order can use its row or column, so the loop takes it too;
+    what is left is the same problem, smaller.  The closest pair of all is always among them, so every round
+    takes some.
 
-    Equal distances go to the lower row, then to the lower column.  Only the preference within a row and within
-    a column matters for the result, so the transposed matrix gives the transposed matching, ties included.
+    Equal distances go to the lower row, then to the lower column.  Only the preference within a row and
+    within a column matters for the result, so the transposed matrix gives the transposed matching, ties
+    included.
 
     Parameters
     ----------

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ..geometry import Float, Size, corners, warp
-from ..protocol import Ransac
+from elf_eval.geometry import Float, Size, corners, warp
+from elf_eval.protocol import Ransac
 
 HOMOGRAPHY_THRESHOLDS = (1, 3, 5)  # pixels
 

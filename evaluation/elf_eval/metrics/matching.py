@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import EvalError
-from ..geometry import Float
+from elf_eval.errors import EvalError
+from elf_eval.geometry import Float
+
 from .greedy import Pairs
 
 MMA_THRESHOLDS = tuple(range(1, 11))  # pixels
@@ -28,7 +29,9 @@ def descriptor_distances(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> Float:
         # |a xor b| = |a| + |b| - 2 a.b over the bits: one matrix product instead of N x M x bits bytes.
         x, y = np.unpackbits(a, axis=1), np.unpackbits(b, axis=1)
         common = x.astype(np.float32) @ y.astype(np.float32).T
-        return np.asarray(x.sum(1, dtype=np.int64)[:, None] + y.sum(1, dtype=np.int64) - 2.0 * common, np.float64)
+        return np.asarray(
+            x.sum(1, dtype=np.int64)[:, None] + y.sum(1, dtype=np.int64) - 2.0 * common, np.float64
+        )
     x64, y64 = a.astype(np.float64), b.astype(np.float64)
     squared = (x64**2).sum(1)[:, None] + (y64**2).sum(1) - 2.0 * (x64 @ y64.T)
     return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
@@ -50,7 +53,7 @@ def mean_matching_accuracy(errors: Float) -> list[float]:
     Parameters
     ----------
     errors : (K,) float64
-        Pixels between each match's warped first point and its second; NaN (no ground truth there) is left out.
+        Pixels between each match's warped first point and its second; NaN (no ground truth) is left out.
 
     Returns
     -------

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ..geometry import Float, direction_angle, rotation_angle, warp
-from ..protocol import Ransac
+from elf_eval.geometry import Float, direction_angle, rotation_angle, warp
+from elf_eval.protocol import Ransac
 
 POSE_THRESHOLDS = (5, 10, 20)  # degrees
 
@@ -28,7 +28,7 @@ def estimate_pose(
 
     Returns
     -------
-    pose : (R, t) with x2 = R x1 + t and unit t, or None where there are fewer than five matches or none was found
+    pose : (R, t) with x2 = R x1 + t and unit t, or None: fewer than five matches, or none was found
     inliers : (K,) bool
         Inliers of the essential matrix that lie in front of both cameras.
     """
@@ -47,7 +47,9 @@ def estimate_pose(
     best: tuple[Float, Float] | None = None
     inliers, most = nothing, 0
     for candidate in np.split(essential, len(essential) // 3):  # the five-point solver may give several
-        count, rotation, direction, front = cv2.recoverPose(candidate, rays1, rays2, np.eye(3), mask=mask.copy())
+        count, rotation, direction, front = cv2.recoverPose(
+            candidate, rays1, rays2, np.eye(3), mask=mask.copy()
+        )
         if count > most:
             best, inliers, most = (rotation, direction.ravel()), np.asarray(front, np.bool_).ravel(), count
     return best, inliers

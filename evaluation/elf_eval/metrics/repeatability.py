@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..geometry import Float, Size, inside
+from elf_eval.geometry import Float, Size, inside
+
 from .greedy import Pairs, greedy_matching
 
 Warp = Callable[[Float], Float]
