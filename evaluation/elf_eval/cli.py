@@ -44,7 +44,22 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(args: argparse.Namespace) -> None:
-    suite, out = _suite(args), Path(args.out)
+    out = Path(args.out)
+    by_hand = args.dataset or args.detector or args.descriptor
+    if bool(args.suite) == bool(by_hand):
+        raise EvalError("say either suite files, or --dataset and --detector")
+    if by_hand:
+        _run_suite(_suite_by_hand(args), out, args)
+    suites = [(Path(path), Suite.load(Path(path))) for path in args.suite]
+    for path, suite in suites:
+        protocol = _protocol(args, suite.protocol)
+        _run_suite(replace(suite, protocol=protocol), out / path.stem, args)
+    if suites:
+        index = "".join(f"- [{suite.title}]({path.stem}/README.md)\n" for path, suite in suites)
+        (out / "README.md").write_text(f"# Evaluation\n\nMade by `{args.command_line}`.\n\n{index}")
+
+
+def _run_suite(suite: Suite, out: Path, args: argparse.Namespace) -> None:
     out.mkdir(parents=True, exist_ok=True)
     log = out / "unfinished.jsonl"
     results = run(suite, _resources(args), log)
@@ -58,7 +73,7 @@ def _run(args: argparse.Namespace) -> None:
 
 def _report(args: argparse.Namespace) -> None:
     results, out = Results.load(Path(args.results)), Path(args.out or Path(args.results).parent)
-    pictures = sorted((out / "pictures").glob("*.png"))
+    pictures = sorted((out / "pictures").glob("*.jpg"))
     if args.suite:
         suite = Suite.load(Path(args.suite))
         write_report(results, out, suite.title, suite.note, suite.tables, args.command_line, pictures)
@@ -106,13 +121,7 @@ def _list(_: argparse.Namespace) -> None:
     print(f"OpenCV {cv2.__version__}: {', '.join(here)}; not in this build: {', '.join(missing) or 'none'}")
 
 
-def _suite(args: argparse.Namespace) -> Suite:
-    own = args.dataset or args.detector or args.descriptor
-    if bool(args.suite) == bool(own):
-        raise EvalError("say either a suite file, or --dataset and --detector")
-    if args.suite:
-        suite = Suite.load(Path(args.suite))
-        return replace(suite, protocol=_protocol(args, suite.protocol))
+def _suite_by_hand(args: argparse.Namespace) -> Suite:
     methods = [
         MethodEntry(f"{detector} + {descriptor}" if descriptor else detector, detector, descriptor)
         for detector in args.detector or []
@@ -155,7 +164,11 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     one = commands.add_parser("run", help="evaluate methods on datasets")
-    one.add_argument("suite", nargs="?", help="TOML file: methods, datasets, protocol, tables, pictures")
+    one.add_argument(
+        "suite",
+        nargs="*",
+        help="TOML files: methods, datasets, protocol, tables, pictures; each into OUT/NAME",
+    )
     one.add_argument(
         "--dataset", action="append", help="[NAME=]kind:FOLDER[?option=value&...]; may be repeated"
     )

@@ -102,8 +102,7 @@ def _fingerprint(suite: Suite, entry: MethodEntry, threads: int | None) -> tuple
     except EvalError as error:
         if not entry.optional:
             raise EvalError(f"method {entry.name!r}: {error}") from error
-        # The text as written: a report should not depend on where the files lie.
-        return "", str(error).replace(suite.expand(entry.detector), entry.detector)
+        return "", suite.unexpand(str(error))
 
 
 def _texts(suite: Suite, entry: MethodEntry) -> tuple[str, str | None]:

@@ -133,6 +133,12 @@ class Suite:
 
         return re.sub(r"\$\{(\w+)\}", value, text)
 
+    def unexpand(self, text: str) -> str:
+        """`text` with the variables' values named again: a report should not depend on where files lie."""
+        for name in self.variables:
+            text = text.replace(self.expand("${" + name + "}"), "${" + name + "}")
+        return text
+
     @classmethod
     def load(cls, path: Path) -> Suite:
         """From a TOML file: ``[protocol]``, ``[variables]``, ``[[method]]``, ``[[dataset]]``, ``[[table]]``,

@@ -68,7 +68,7 @@ class XFeat(Method):
         return features.described(sample_descriptors(descriptors, points))
 
     def _run(self, image: Image) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Descriptors (64, h, w), logits (65, h, w), reliability (h, w), and the network's pixels per pixel."""
+        """Descriptors (64, h, w), logits (65, h, w), reliability (h, w), network pixels per pixel."""
         width, height = image.size
         size = tuple(max(_MULTIPLE, n // _MULTIPLE * _MULTIPLE) for n in (width, height))
         pixels = image.pixels if size == (width, height) else cv2.resize(image.pixels, size)

@@ -22,7 +22,7 @@ _GREEN, _RED, _GREY, _BLUE = (60, 180, 60), (60, 60, 230), (160, 160, 160), (220
 
 
 def write_pictures(suite: Suite, results: Results, folder: Path, resources: Resources) -> list[Path]:
-    """The suite's pictures as PNG, of the methods that the results have; features come from the cache.
+    """The suite's pictures, of the methods that the results have; features come from the cache.
 
     Raises
     ------
@@ -46,8 +46,8 @@ def write_pictures(suite: Suite, results: Results, folder: Path, resources: Reso
             picture = draw_matches(pixels[0], pixels[1], first, second, pair, suite.protocol.eps, name)
             slug = "".join(c if c.isalnum() else "-" for c in f"{entry.pair}-{name}".lower())
             folder.mkdir(parents=True, exist_ok=True)
-            path = folder / f"{slug}.png"
-            cv2.imwrite(str(path), picture)
+            path = folder / f"{slug}.jpg"
+            cv2.imwrite(str(path), picture, [cv2.IMWRITE_JPEG_QUALITY, 85])
             written.append(path)
     return written
 

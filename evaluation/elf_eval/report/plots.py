@@ -62,7 +62,7 @@ def _bars(results: Results, dataset: dict[str, Any], methods: list[dict[str, Any
             continue
         place = np.array([i for i, v in enumerate(values) if v is not None])
         shown = [v for v in values if v is not None]
-        bars = axes.bar(
+        axes.bar(
             place + shift,
             [100 * v.mean for v in shown],
             0.38,
@@ -71,7 +71,9 @@ def _bars(results: Results, dataset: dict[str, Any], methods: list[dict[str, Any
             yerr=_errors(shown),
             capsize=3,
         )
-        axes.bar_label(bars, fmt="%.1f", label_type="center", color="white", fontsize=8)
+        # At the foot: the error bars hide the middle of a bar.
+        for x, value in zip(place + shift, shown, strict=True):
+            axes.text(x, 1.5, f"{100 * value.mean:.1f}", ha="center", color="white", fontsize=8)
     if not axes.containers:
         return None
     axes.set_xticks(range(len(names)), [n.replace(" + ", "\n+ ") for n in names], fontsize=8)
@@ -125,7 +127,7 @@ def _mma(results: Results, dataset: dict[str, Any], methods: list[dict[str, Any]
     axes.set_ylabel("mean matching accuracy (%)")
     axes.set_ylim(0, 100)
     axes.set_title(_title(dataset, counts), fontsize=9)
-    axes.legend(frameon=False, fontsize=8)
+    axes.legend(frameon=False, fontsize=8, loc="lower right")
     _plain(axes)
     return figure
 

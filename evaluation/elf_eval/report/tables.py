@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from elf_eval.metrics import Estimate
+from elf_eval.metrics.matching import MMA_THRESHOLDS
 from elf_eval.results import PairResult, Results
 from elf_eval.suite import TableEntry
 
@@ -39,6 +40,9 @@ def build(results: Results, entry: TableEntry) -> list[Table]:
         for counts in results.protocol["counts"]:
             label = _COUNTS[counts].format(n=results.protocol["max_keypoints"])
             caption = f"{dataset['name']}, {label} ({dataset['pairs']} pairs, {dataset['scenes']} scenes)"
+            if entry.plot == "mma":
+                tables.append(_by_threshold(results, dataset["name"], methods, counts, caption))
+                continue
             tables.append(_main(results, dataset["name"], methods, counts, caption))
             if dataset["parameter"]:
                 tables.append(_by_parameter(results, dataset, methods, counts, caption))
@@ -52,7 +56,7 @@ def _main(results: Results, dataset: str, methods: list[dict[str, Any]], counts:
     beside = [m["name"] for m in methods if m["paper"] in PAPER]
     has_place = "rep" in present
     header = ["method", "keypoints (least)"] + (["rep", "ms"] if has_place else [])
-    header += [title for title, _ in columns] + ["inliers", "s / image"]
+    header += [title for title, _ in columns] + ["inliers"]
     header += ["the paper's HPatches", "the paper's Webcam"] if beside else []
     rows = []
     for method in methods:
@@ -62,7 +66,7 @@ def _main(results: Results, dataset: str, methods: list[dict[str, Any]], counts:
         row += [_percent(summarize(pairs, name)) for name in ("rep", "ms")] if has_place else []
         row += [" / ".join(_short(summarize(pairs, name)) for name in names) for _, names in columns]
         inliers = summarize(pairs, "h_inliers") or summarize(pairs, "pose_inliers")
-        row += ["-" if inliers is None else f"{inliers.mean:.0f}", f"{method['seconds_per_image']:.3f}"]
+        row.append("-" if inliers is None else f"{inliers.mean:.0f}")
         if beside:
             row += [_paper(method["paper"], name) for name in ("HPatches", "Webcam")]
         rows.append(row)
@@ -84,6 +88,18 @@ def _by_parameter(
         rows.append(row)
     title = f"{caption}: rep / ms by {dataset['parameter']}"
     return Table(title, ["method", *(f"{value:g}" for value in values)], rows)
+
+
+def _by_threshold(
+    results: Results, dataset: str, methods: list[dict[str, Any]], counts: str, caption: str
+) -> Table:
+    rows = []
+    for method in methods:
+        pairs = results.of(dataset, method["name"], counts)
+        values = [_short(summarize(pairs, f"mma@{t}")) for t in MMA_THRESHOLDS]
+        rows.append([method["name"], f"{keypoints(pairs).mean:.0f}", *values])
+    header = ["method", "keypoints", *(f"{t} px" for t in MMA_THRESHOLDS)]
+    return Table(f"{caption}: share of the matches within", header, rows)
 
 
 def write_csv(results: Results, path: Path) -> None:
