@@ -64,7 +64,7 @@ def _facts(results: Results, command: str) -> list[str]:
     facts = [
         f"Made by `{command}` on {results.created[:10]}.",
         f"Protocol: {size}, at most {p['max_keypoints']} keypoints, repeated within {p['eps']:g} px.",
-        "Averaged per scene, then over scenes, in percent; in brackets the 95 % bootstrap interval over scenes.",
+        "Averaged per scene, then over scenes, in percent; in brackets: 95 % bootstrap interval over scenes.",
         f"Homographies from mutual nearest neighbours by OpenCV's {h['estimator']}: {h['threshold']:g} px, "
         f"{h['iterations']} iterations, confidence {h['confidence']}, seed {h['seed']}.",
         "Versions: " + ", ".join(f"{name} {version}" for name, version in results.versions.items()) + ".",
