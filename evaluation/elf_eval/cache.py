@@ -95,13 +95,13 @@ def extract(method: Method, ref: ImageRef, protocol: Protocol) -> Extracted:
 def load(path: Path) -> Extracted | None:
     """None where there is no such file, or only the rest of an interrupted one."""
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
             features = LocalFeatures(
                 *(data[k] for k in ("keypoints", "scores", "descriptors", "sizes", "angles"))
             )
             width, height = (int(v) for v in data["size"])
             return Extracted(features, (width, height), data["to_working"], float(data["seconds"]))
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile):
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile):
         return None
 
 

@@ -86,11 +86,20 @@ class Protocol:
             raise EvalError(f"protocol: unknown settings {sorted(unknown)}; known are {sorted(known)}")
         values = dict(data)
         if "size" in values:
-            size = values["size"]
-            values["size"] = None if size in (None, "source") else (int(size[0]), int(size[1]))
+            values["size"] = _size(values["size"])
         if "counts" in values:
             values["counts"] = tuple(values["counts"])
         for name in ("homography", "pose"):
             if isinstance(values.get(name), Mapping):
                 values[name] = Ransac(**values[name])
         return cls(**values)
+
+
+def _size(value: Any) -> Size | None:
+    if value in (None, "source"):
+        return None
+    try:
+        width, height = (int(v) for v in value)
+    except (TypeError, ValueError) as error:
+        raise EvalError(f"protocol: size is [width, height] or 'source', not {value!r}") from error
+    return width, height

@@ -125,8 +125,8 @@ def sweep(
     known = {text: score for text, score in scores.items() if score is not None}
     if not known:
         raise EvalError(f"no pair of {dataset} has the metric {metric!r}")
-    best = sorted(known, key=lambda text: -known[text].mean)[:top]
-    final = list(dict.fromkeys([*best, texts[0]]))
+    best = sorted((text for text in known if text != texts[0]), key=lambda text: -known[text].mean)
+    final = [*best[:top], texts[0]]
     reported = _run(final, dataset, protocol, resources, rest)
     reference = scene_means(reported.of(_DATASET, texts[0], "own"), metric)
     found = []
