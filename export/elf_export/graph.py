@@ -1,4 +1,4 @@
-"""A model as the passes and the adjoint see it: who makes a value, of what shape, and a way to append nodes."""
+"""A model as the passes and the adjoint see it: who makes a value, its shape, and a way to append nodes."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ Array = npt.NDArray[Any]
 class Graph:
     """An ONNX model under construction.
 
-    Reads the nodes, constants and inferred shapes of a ModelProto and appends to it.  Values are known by name,
-    as in ONNX itself; the empty name is an absent optional input.
+    Reads the nodes, constants and inferred shapes of a ModelProto and appends to it.  Values are known by
+    name, as in ONNX itself; the empty name is an absent optional input.
 
     Parameters
     ----------
@@ -36,9 +36,11 @@ class Graph:
         self._names.update(v for n in self.model.graph.node for v in (*n.input, *n.output))
         self._names.update(self._constants)
         for node in self.model.graph.node:
-            if node.op_type == "Constant" and node.attribute and node.attribute[0].name == "value":
-                self._constants[node.output[0]] = node.attribute[0].t
+            tensor = _constant_of(node) if node.op_type == "Constant" else None
+            if tensor is not None:
+                self._constants[node.output[0]] = tensor
         self._types: dict[str, onnx.TypeProto.Tensor] = {}
+        self._producers = self.producers()
         self.infer_shapes()
 
     # -- reading ---------------------------------------------------------------------------------------------
@@ -62,10 +64,52 @@ class Graph:
 
     def infer_shapes(self) -> None:
         """Refresh what `shape`, `rank` and `dtype` answer from, after nodes were appended or removed."""
-        inferred = shape_inference.infer_shapes(self.model, data_prop=True).graph
-        for value in (*inferred.value_info, *inferred.input, *inferred.output):
-            if value.type.HasField("tensor_type"):
-                self._types[value.name] = value.type.tensor_type
+        while True:
+            inferred = shape_inference.infer_shapes(self.model, data_prop=True).graph
+            for value in (*inferred.value_info, *inferred.input, *inferred.output):
+                if value.type.HasField("tensor_type"):
+                    self._types[value.name] = value.type.tensor_type
+            news = [node for node in self.nodes if self._learn(node)]
+            if not news:
+                break
+
+    def _learn(self, node: onnx.NodeProto) -> bool:
+        """State what ONNX's inference does not find of a node's output; whether that was news."""
+        name = node.output[0] if node.output else ""
+        if not name or self.rank(name) is not None:
+            return False
+        elem = self.elem_type(node.input[0]) if node.input else 0
+        like = self.shape_source(node)
+        if like is not None and self.rank(like) is not None:
+            dims = self.shape(like) or []
+        elif node.op_type in ("Reshape", "Expand") and isinstance(
+            (self.shape(node.input[1]) or [None])[0], int
+        ):
+            # The length of the target shape is the rank; Expand's result has at least the data's.
+            length = (self.shape(node.input[1]) or [0])[0]
+            assert isinstance(length, int)
+            own = self.rank(node.input[0]) if node.op_type == "Expand" else 0
+            if own is None:
+                return False
+            dims = [None] * max(length, own)
+        else:
+            return False
+        stated = helper.make_tensor_value_info(name, elem, dims)
+        outputs = [value for value in self.model.graph.output if value.name == name]
+        value = outputs[0] if outputs else self.model.graph.value_info.add()
+        value.CopyFrom(stated)
+        self._types[name] = value.type.tensor_type
+        return True
+
+    def shape_source(self, node: onnx.NodeProto) -> str | None:
+        """A value whose shape the node's output has, where ONNX's inference would not tell."""
+        if node.op_type == "GroupNormalization":
+            return str(node.input[0])
+        if node.op_type == "Reshape":
+            target = self._producers.get(node.input[1])
+            if target is not None and target.op_type == "Shape" and not target.attribute:
+                return str(target.input[0])
+        return None
 
     def constant(self, name: str) -> Array | None:
         """The value of a constant, or None if `name` is computed."""
@@ -79,14 +123,16 @@ class Graph:
         return name in self._constants
 
     def shape(self, name: str) -> list[Dim] | None:
-        """Dimensions: an int where static, a name where symbolic, None where unknown; None for an unknown rank."""
+        """Sizes: an int where static, a name where symbolic, None where unknown; None for an unknown rank."""
         if name in self._constants:
             return list(self._constants[name].dims)
         kind = self._types.get(name)
         if kind is None or not kind.HasField("shape"):
             return None
         return [
-            d.dim_value if d.HasField("dim_value") else (d.dim_param or None if d.HasField("dim_param") else None)
+            d.dim_value
+            if d.HasField("dim_value")
+            else (d.dim_param or None if d.HasField("dim_param") else None)
             for d in kind.shape.dim
         ]
 
@@ -159,3 +205,32 @@ def attributes(node: onnx.NodeProto) -> dict[str, Any]:
     """A node's attributes as Python values; text as str."""
     values = {a.name: helper.get_attribute_value(a) for a in node.attribute}
     return {k: v.decode() if isinstance(v, bytes) else v for k, v in values.items()}
+
+
+def captured(node: onnx.NodeProto) -> list[str]:
+    """Names that a control-flow node's subgraphs may read from outside."""
+    names: list[str] = []
+    for attribute in node.attribute:
+        for sub in (attribute.g, *attribute.graphs):
+            names.extend(value.name for value in sub.output)
+            for inner in sub.node:
+                names.extend(inner.input)
+                names.extend(captured(inner))
+    return [name for name in names if name]
+
+
+def _constant_of(node: onnx.NodeProto) -> onnx.TensorProto | None:
+    """The tensor of a Constant node, None if it is sparse or text."""
+    kinds = {
+        "value_float": np.float32,
+        "value_floats": np.float32,
+        "value_int": np.int64,
+        "value_ints": np.int64,
+    }
+    for name, value in attributes(node).items():
+        if name == "value":
+            assert isinstance(value, onnx.TensorProto)
+            return value
+        if name in kinds:
+            return numpy_helper.from_array(np.asarray(value, kinds[name]), node.output[0])
+    return None

@@ -10,7 +10,7 @@ from onnx import TensorProto, helper
 from .adjoint import build_adjoint
 from .errors import LayerError
 from .graph import Graph, reduce_mean
-from .passes import cut, fold_batchnorm
+from .passes import cut, fold_batchnorm, fold_constants
 from .preprocessing import Preprocessing, prepend
 
 IMAGE, SALIENCY = "image", "saliency"
@@ -58,7 +58,7 @@ def build_saliency(
         trunk = cut(model, wanted)
     except KeyError as error:
         raise LayerError(f"the model has no value {error.args[0]!r}") from None
-    trunk = fold_batchnorm(trunk, keep=wanted)
+    trunk = fold_batchnorm(fold_constants(trunk), keep=wanted)
     graph = Graph(trunk)
     image = image_input or only_image_input(graph)
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import onnx
 
-from ..graph import Array
+from elf_export.graph import Array
+
 from .geometry import Window, begin_pads, crop_spatial, spatial_shape, window_of
 from .registry import Context, Gradients, adjoint
 
@@ -14,12 +15,10 @@ def _conv_supports(ctx: Context) -> str | None:
     shape = ctx.shape(ctx.node.input[1])
     if shape is None or not all(isinstance(d, int) for d in shape):
         return "the kernel's shape must be static"
-    if len(ctx.wanted) > 1 and any(ctx.wanted[1:]):
-        return "the kernel or bias depends on the image"
     return None
 
 
-@adjoint("Conv", since_opset=11, supports=_conv_supports)
+@adjoint("Conv", supports=_conv_supports)
 def conv(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """y = W * x + b;  dx = W^T * dy.   W: (O, I/g, k...), x: (N, I, ...), y: (N, O, ...)
 
@@ -45,11 +44,11 @@ def conv(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
         )  # fmt: skip
     else:
         dx = _transposed(ctx, node, grad_y, window, group)
-    return [dx, *([None] * (len(node.input) - 1))]
+    return [dx]
 
 
 def flipped(weight: Array, group: int) -> Array:
-    """Kernel of the adjoint of a stride-1 convolution: (O, I/g, k...) -> (I, O/g, k...), flipped along each k."""
+    """Kernel of a stride-1 convolution's adjoint: (O, I/g, k...) -> (I, O/g, k...), each k flipped."""
     out, per_group, *kernel = weight.shape
     swapped = weight.reshape(group, out // group, per_group, *kernel).swapaxes(1, 2)
     joined = swapped.reshape(group * per_group, out // group, *kernel)
@@ -67,3 +66,51 @@ def _transposed(ctx: Context, node: onnx.NodeProto, grad_y: str, window: Window,
     )  # fmt: skip
     start = ctx.int64s([0] * n, "dx_start") if window.begin is not None else begin_pads(ctx, window, x)
     return crop_spatial(ctx, full, start, spatial_shape(ctx, x, "x_size"), "dx", window.spatial_axes)
+
+
+def _conv_transpose_supports(ctx: Context) -> str | None:
+    if reason := _conv_supports(ctx):
+        return reason
+    if "output_shape" in ctx.attrs:
+        return "output_shape; state pads and output_padding instead"
+    if ctx.attrs.get("auto_pad", "NOTSET").startswith("SAME") and min(_same_surplus(ctx)) < 0:
+        return "auto_pad SAME with a stride beyond the kernel"
+    return None
+
+
+@adjoint("ConvTranspose", supports=_conv_transpose_supports)
+def conv_transpose(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
+    """y = W^T * x + b;  dx = W * dy, a convolution with the same kernel, strides and pads.
+
+    W: (I, O/g, k...), which is the layout that Conv reads as (its outputs, its inputs / g, k...).
+    Along an axis y has s (h - 1) + e + r - p - q pixels, e being the kernel's extent and r < max(s, d) the
+    output_padding; the convolution's windows number h + floor(r / s), of which the first h are meant.
+    """
+    shape = [d for d in ctx.shape(node.input[1]) or [] if isinstance(d, int)]
+    n = len(shape) - 2
+    strides, rest = ctx.attrs.get("strides", [1] * n), ctx.attrs.get("output_padding", [0] * n)
+    pads = ctx.attrs.get("pads", [0] * 2 * n)
+    auto = ctx.attrs.get("auto_pad", "NOTSET")
+    if auto == "VALID":
+        pads = [0] * 2 * n
+    elif auto != "NOTSET":
+        small = [t // 2 for t in _same_surplus(ctx)]
+        large = [t - t // 2 for t in _same_surplus(ctx)]
+        pads = [*small, *large] if auto == "SAME_UPPER" else [*large, *small]
+    dx = ctx.op(
+        "Conv", grad_y, node.input[1], role="dx", kernel_shape=shape[2:], strides=strides, pads=pads,
+        dilations=ctx.attrs.get("dilations", [1] * n), group=ctx.attrs.get("group", 1),
+    )  # fmt: skip
+    if any(r >= s for r, s in zip(rest, strides, strict=True)):
+        size = spatial_shape(ctx, node.input[0], "x_size")
+        dx = crop_spatial(ctx, dx, ctx.int64s([0] * n, "dx_start"), size, "dx_cut", list(range(2, 2 + n)))
+    return [dx]
+
+
+def _same_surplus(ctx: Context) -> list[int]:
+    """What auto_pad SAME cuts per axis, so that y is s times as large as x: e + r - s."""
+    kernel = [d for d in (ctx.shape(ctx.node.input[1]) or [])[2:] if isinstance(d, int)]
+    ones, zeros = [1] * len(kernel), [0] * len(kernel)
+    dilations, strides = ctx.attrs.get("dilations", ones), ctx.attrs.get("strides", ones)
+    rest = ctx.attrs.get("output_padding", zeros)
+    return [(k - 1) * d + 1 + r - s for k, d, r, s in zip(kernel, dilations, rest, strides, strict=True)]

@@ -10,9 +10,20 @@ from __future__ import annotations
 
 import onnx
 
-from ..errors import LayerError, UnsupportedGraphError, UnsupportedNode
-from ..graph import Graph
-from .registry import Context, has_no_gradient, rule_for, supported_ops, why_unsupported
+from elf_export.errors import LayerError, UnsupportedGraphError, UnsupportedNode
+from elf_export.graph import Graph, captured
+
+from . import broadcast
+from .registry import (
+    Context,
+    entry_for,
+    has_no_gradient,
+    is_floating,
+    is_standard,
+    is_straight_through,
+    supported_ops,
+)
+from .sizes import Sizes
 
 
 def build_adjoint(graph: Graph, output: str, wrt: str, seed: str | None = None) -> str:
@@ -36,66 +47,96 @@ def build_adjoint(graph: Graph, output: str, wrt: str, seed: str | None = None) 
     Raises
     ------
     LayerError
-        If `output` does not depend on `wrt`.
+        If `output` does not depend on `wrt`, or only through ops that pass no gradient.
     UnsupportedGraphError
         Listing every node on the way that has no rule; nothing has been appended then.
     """
-    path = nodes_between(graph, wrt, output)
+    path, live = _trace(graph, wrt, output)
     if not path and output != wrt:
-        raise LayerError(f"{output!r} does not depend on {wrt!r}")
-    on_path = {wrt, *(name for node in path for name in node.output)}
-    preflight(graph, path, on_path)
+        raise LayerError(f"{output!r} does not depend on {wrt!r}, or only through ops that pass no gradient")
+    sizes = Sizes(graph)
+    preflight(graph, path, live, sizes)
 
     pending: dict[str, list[str]] = {output: [seed if seed is not None else output]}
     for node in reversed(path):
-        grads = [_total(graph, name, pending.get(name)) for name in node.output]
+        entry = entry_for(node)
+        assert entry is not None, "preflight has seen to that"
+        grads = [_total(graph, name, pending.get(name)) for name in node.output[: entry.outputs]]
         if not any(grads):
             continue
-        wanted = [name in on_path for name in node.input]
+        wanted = [name in live for name in node.input]
         context = Context(graph, node, wanted)
-        given = rule_for(node.op_type)(context, node, *grads)
-        assert len(given) == len(node.input), f"rule {node.op_type}: {len(given)} of {len(node.input)} gradients"
+        given = [*entry.rule(context, node, *grads)]
+        given += [None] * (len(node.input) - len(given))
         for name, want, grad in zip(node.input, wanted, given, strict=True):
-            if want and grad is not None:
-                pending.setdefault(name, []).append(_unbroadcast(context, grad, like=name, of=node))
+            if want:
+                assert grad is not None, f"rule {node.op_type} gives no gradient of {name!r}"
+                if entry.broadcasts:
+                    grad = broadcast.unbroadcast(context, sizes, grad, name, entry.core_axes)
+                pending.setdefault(name, []).append(grad)
     total = _total(graph, wrt, pending.get(wrt))
-    if total is None:
-        raise LayerError(f"the gradient of {output!r} never reaches {wrt!r}")
+    assert total is not None, f"the gradient of {output!r} never reaches {wrt!r}"
     return total
 
 
 def nodes_between(graph: Graph, source: str, target: str) -> list[onnx.NodeProto]:
     """The nodes on any differentiable path from `source` to `target`, in graph order."""
-    producers = graph.producers()
-    needed: set[str] = set()
-    stack = [target]
-    while stack:
-        name = stack.pop()
-        if name in needed or name == source:
-            continue
-        needed.add(name)
-        if name in producers:
-            stack.extend(producers[name].input)
+    return _trace(graph, source, target)[0]
+
+
+def _trace(graph: Graph, source: str, target: str) -> tuple[list[onnx.NodeProto], set[str]]:
+    """The nodes on the differentiable paths, and the values on them."""
+    able = [node for node in graph.nodes if not has_no_gradient(node)]
     reached = {source}
-    path = []
-    for node in graph.nodes:
-        if has_no_gradient(node.op_type) or not needed.intersection(node.output):
-            continue
-        if reached.intersection(n for n in node.input if n):
-            reached.update(n for n in node.output if n)
+    for node in able:
+        arriving = reached.intersection((*node.input, *captured(node)))
+        if arriving:
+            # Whatever reads quantised integers is kept on the path, for preflight to judge.
+            whole = is_straight_through(node) or not all(is_floating(graph, name) for name in arriving)
+            reached.update(name for name in node.output if name and (whole or is_floating(graph, name)))
+    live, path = {target} & reached, []
+    for node in reversed(able):
+        if live.intersection(node.output) and node.output[0] != source:
             path.append(node)
-    return path
+            live.update(reached.intersection((*node.input, *captured(node))))
+    return path[::-1], live
 
 
-def preflight(graph: Graph, path: list[onnx.NodeProto], on_path: set[str]) -> None:
+def preflight(graph: Graph, path: list[onnx.NodeProto], live: set[str], sizes: Sizes) -> None:
     """Raise UnsupportedGraphError with all the nodes of `path` that have no adjoint."""
     bad = []
     for node in path:
-        reason = why_unsupported(Context(graph, node, [name in on_path for name in node.input]))
+        context = Context(graph, node, [name in live for name in node.input])
+        reason = why_unsupported(context, live, sizes)
         if reason:
             bad.append(UnsupportedNode(node.name or node.output[0], node.op_type, graph.opset, reason))
     if bad:
         raise UnsupportedGraphError(bad, supported_ops())
+
+
+def why_unsupported(ctx: Context, live: set[str], sizes: Sizes) -> str | None:
+    """Why the context's node can't be differentiated, None if it can.  `live`: the values on the path."""
+    node, entry = ctx.node, entry_for(ctx.node)
+    if not is_standard(node):
+        return f"domain {node.domain!r} is not standard ONNX"
+    if entry is None:
+        return "no rule"
+    if ctx.opset < entry.since_opset:
+        return f"the rule needs opset {entry.since_opset} or later"
+    for i, name in enumerate(node.input):
+        if ctx.wanted[i] and not (entry.through_integers or is_floating(ctx.graph, name)):
+            return f"its input {name!r} holds integers, which pass a gradient to DequantizeLinear only"
+        if entry.inputs is not None and i >= entry.inputs and ctx.wanted[i]:
+            return f"its input {name!r} depends on the image; the rule takes what does not there"
+    for i, name in enumerate(node.output):
+        if entry.outputs is not None and i >= entry.outputs and name in live:
+            return (
+                f"its output {name!r} is used; the rule knows the gradient of the first {entry.outputs} only"
+            )
+    reason = entry.supports(ctx) if entry.supports else None
+    if reason is None and entry.broadcasts:
+        reason = broadcast.why_not(ctx.graph, sizes, node, list(ctx.wanted), entry.core_axes)
+    return reason
 
 
 def _total(graph: Graph, name: str, parts: list[str] | None) -> str | None:
@@ -105,33 +146,3 @@ def _total(graph: Graph, name: str, parts: list[str] | None) -> str | None:
     if len(parts) > 1:
         parts[:] = [graph.op("Sum", *parts, name=f"adj/{name}/accumulate")]
     return parts[0]
-
-
-def _unbroadcast(ctx: Context, grad: str, like: str, of: onnx.NodeProto) -> str:
-    """Sum `grad` over the axes along which the node repeated its input `like`: the adjoint of broadcasting.
-
-    Only for the ops that broadcast; every other rule returns a gradient of its input's shape.
-    """
-    if of.op_type not in BROADCASTING or len(of.input) < 2:
-        return grad
-    shape, out = ctx.shape(like), ctx.shape(of.output[0])
-    if shape is None or out is None:
-        return grad
-    lead = len(out) - len(shape)
-    axes = [*range(lead), *(lead + i for i, dim in enumerate(shape) if dim == 1 and out[lead + i] != 1)]
-    if not axes:
-        return grad
-    if ctx.opset >= 13:
-        grad = ctx.op("ReduceSum", grad, ctx.int64s(axes, "unbroadcast_axes"), role="unbroadcast", keepdims=1)
-    else:
-        grad = ctx.op("ReduceSum", grad, role="unbroadcast", axes=axes, keepdims=1)
-    if not lead:
-        return grad
-    if ctx.opset >= 13:
-        return ctx.op("Squeeze", grad, ctx.int64s(range(lead), "squeeze_axes"), role="squeeze")
-    return ctx.op("Squeeze", grad, role="squeeze", axes=list(range(lead)))
-
-
-BROADCASTING = frozenset(
-    {"Add", "Sub", "Mul", "Div", "Pow", "Sum", "Mean", "Max", "Min", "PRelu", "Where", "Expand", "Mod"}
-)

@@ -10,10 +10,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from .portable import FAR, Ints, ints, positive_part, slice_axes
 from .registry import Context
-from .structure import slice_axes
-
-FAR = 2**31 - 1  # "to the end" for Slice
 
 
 @dataclass(frozen=True)
@@ -43,7 +41,7 @@ class Window:
 
 
 def window_of(ctx: Context, kernel: Sequence[int]) -> Window:
-    """The window of a Conv or pool node, with auto_pad resolved as far as it can be without the input's size."""
+    """The window of a Conv or pool node, auto_pad resolved as far as it can be without the input's size."""
     n = len(kernel)
     a = ctx.attrs
     strides = tuple(a.get("strides", [1] * n))
@@ -101,18 +99,18 @@ def begin_pads(ctx: Context, window: Window, x: str) -> str:
     minus_one = ctx.op("Sub", size, ctx.int64s([1], "one"), role="same_last")
     starts = ctx.op("Mul", ctx.op("Div", minus_one, strides, role="same_steps"), strides, role="same_starts")
     reach = ctx.op("Add", starts, ctx.int64s(window.extent, "same_extent"), role="same_reach")
-    total = ctx.op("Max", ctx.op("Sub", reach, size, role="same_lack"), ctx.int64s([0], "zero"), role="same_total")
+    total = positive_part(ctx, ctx.op("Sub", reach, size, role="same_lack"), "same_total")
     if window.same_lower:
         total = ctx.op("Add", total, ctx.int64s([1], "round_up"), role="same_rounded")
     return ctx.op("Div", total, ctx.int64s([2], "two"), role="pad_begin")
 
 
-def pad_spatial(ctx: Context, x: str, begin: str | Sequence[int], end: str | Sequence[int], role: str, fill: float = 0) -> str:
+def pad_spatial(ctx: Context, x: str, like: str, begin: Ints, end: Ints, role: str, fill: float = 0) -> str:
     """Pad the spatial axes of `x` by constants or by computed int64 (n,) vectors, all >= 0."""
-    parts = [part if isinstance(part, str) else ctx.int64s(part, f"{role}_{what}") for part, what in ((begin, "begin"), (end, "end"))]
     zeros = ctx.int64s([0, 0], f"{role}_nc")
+    parts = ints(ctx, begin, f"{role}_begin"), ints(ctx, end, f"{role}_end")
     pads = ctx.op("Concat", zeros, parts[0], zeros, parts[1], role=f"{role}_pads", axis=0)
-    return ctx.op("Pad", x, pads, ctx.const(fill, f"{role}_fill", like=x), role=role, mode="constant")
+    return ctx.op("Pad", x, pads, ctx.const(fill, f"{role}_fill", like=like), role=role, mode="constant")
 
 
 def crop_spatial(ctx: Context, x: str, begin: str, size: str, role: str, axes: list[int]) -> str:

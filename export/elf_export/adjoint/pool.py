@@ -14,24 +14,21 @@ import numpy as np
 import onnx
 
 from .geometry import Window, begin_pads, crop_spatial, pad_spatial, spatial_shape, window_of
+from .portable import FAR, concat_ints, slice_axes
 from .registry import Context, Gradients, adjoint
+from .shapes import rank_is_known
 
 Offset = tuple[int, ...]
 
 
 def _pool_supports(ctx: Context) -> str | None:
-    shape = ctx.shape(ctx.node.input[0])
-    if shape is None:
-        return "unknown rank of the input"
-    if not isinstance(shape[1], int):
-        return "the number of channels must be static"
     if ctx.attrs.get("storage_order", 0):
         return "storage_order=1"
-    return None
+    return rank_is_known(ctx)
 
 
-@adjoint("MaxPool", since_opset=11, supports=_pool_supports)
-def max_pool(ctx: Context, node: onnx.NodeProto, grad_y: str, *_: str | None) -> Gradients:
+@adjoint("MaxPool", supports=_pool_supports)
+def max_pool(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """y_m = max over offsets o of x_{ms + od};  dx gets dy_m at the FIRST o in raster order that attains it.
 
     That is the choice of torch and of an index-based adjoint.  Ties above zero are common: flat regions of an
@@ -58,11 +55,7 @@ def max_pool(ctx: Context, node: onnx.NodeProto, grad_y: str, *_: str | None) ->
     return [scatter(ctx, node.input[0], dict(zip(offsets, pieces, strict=True)), window)]
 
 
-def _average_supports(ctx: Context) -> str | None:
-    return _pool_supports(ctx)
-
-
-@adjoint("AveragePool", since_opset=11, supports=_average_supports)
+@adjoint("AveragePool", supports=rank_is_known)
 def average_pool(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """y_m = 1/c_m sum over offsets o of x_{ms + od};  dx_{ms + od} += dy_m / c_m.
 
@@ -72,29 +65,30 @@ def average_pool(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     if window.padded:
         share = ctx.op("Div", grad_y, _counts(ctx, node, window), role="share")
     else:
-        share = ctx.op("Mul", grad_y, ctx.const(1 / math.prod(window.kernel), "inverse", like=grad_y), role="share")
+        inverse = ctx.const(1 / math.prod(window.kernel), "inverse", like=node.input[0])
+        share = ctx.op("Mul", grad_y, inverse, role="share")
     return [scatter(ctx, node.input[0], dict.fromkeys(_offsets(window), share), window)]
 
 
 def _counts(ctx: Context, node: onnx.NodeProto, window: Window) -> str:
     """(1, 1, out...): how many pixels each window averages over: a sum-pool of ones, zeros in the padding."""
     x, n = node.input[0], len(window.kernel)
-    ones_shape = ctx.op("Concat", ctx.int64s([1, 1], "ones_nc"), spatial_shape(ctx, x, "ones_size"), role="ones_shape", axis=0)
+    ones_shape = concat_ints(ctx, [[1, 1], spatial_shape(ctx, x, "ones_size")], "ones_shape")
     one = ctx.const(np.ones((1,) * (n + 2)), "one", like=x)
     ones = ctx.op("Expand", one, ones_shape, role="ones")
     begin = begin_pads(ctx, window, x)
     if ctx.attrs.get("count_include_pad", 0):
         # The stated padding counts; what ceil_mode adds behind it does not.
-        ones = pad_spatial(ctx, ones, begin, window.end, "counted", fill=1)
+        ones = pad_spatial(ctx, ones, x, begin, window.end, "counted", fill=1)
         begin = ctx.int64s([0] * n, "counted_begin")
         spare = [s - 1 if window.ceil else 0 for s in window.strides]
     else:
         spare = [e + (s - 1 if window.ceil else 0) for e, s in zip(window.end, window.strides, strict=True)]
-    ones = pad_spatial(ctx, ones, begin, spare, "framed")
+    ones = pad_spatial(ctx, ones, x, begin, spare, "framed")
     kernel = ctx.const(np.ones((1, 1, *window.kernel)), "count_kernel", like=x)
     counts = ctx.op(
-        "Conv", ones, kernel, role="counts_full", strides=list(window.strides), dilations=list(window.dilations),
-        kernel_shape=list(window.kernel),
+        "Conv", ones, kernel, role="counts_full", kernel_shape=list(window.kernel),
+        strides=list(window.strides), dilations=list(window.dilations),
     )  # fmt: skip
     size = spatial_shape(ctx, node.output[0], "counts_size")
     zero = ctx.int64s([0] * n, "counts_start")
@@ -103,7 +97,8 @@ def _counts(ctx: Context, node: onnx.NodeProto, window: Window) -> str:
 
 def _offsets(window: Window) -> list[Offset]:
     """Offsets of a window's places from its start, in pixels, in raster order."""
-    return list(itertools.product(*(range(0, k * d, d) for k, d in zip(window.kernel, window.dilations, strict=True))))
+    ranges = (range(0, k * d, d) for k, d in zip(window.kernel, window.dilations, strict=True))
+    return list(itertools.product(*ranges))
 
 
 def _tag(offset: Offset) -> str:
@@ -115,10 +110,10 @@ def _views(ctx: Context, x: str, y: str, window: Window, offsets: Sequence[Offse
     if window.padded:
         lowest = float(np.finfo(ctx.dtype(x)).min)
         extra = [e + (s - 1 if window.ceil else 0) for e, s in zip(window.end, window.strides, strict=True)]
-        x = pad_spatial(ctx, x, begin_pads(ctx, window, x), extra, "padded", fill=lowest)
-    span = ctx.op("Mul", spatial_shape(ctx, y, "y_size"), ctx.int64s(window.strides, "y_strides"), role="span")
-    axes = ctx.int64s(window.spatial_axes, "view_axes")
+        x = pad_spatial(ctx, x, x, begin_pads(ctx, window, x), extra, "padded", fill=lowest)
     steps = ctx.int64s(window.strides, "view_steps")
+    span = ctx.op("Mul", spatial_shape(ctx, y, "y_size"), steps, role="span")
+    axes = ctx.int64s(window.spatial_axes, "view_axes")
     views = {}
     for offset in offsets[:-1]:
         start = ctx.int64s(offset, f"view_start{_tag(offset)}")
@@ -141,28 +136,29 @@ def scatter(ctx: Context, x: str, pieces: dict[Offset, str], window: Window) -> 
         phase = tuple(o % s for o, s in zip(offset, strides, strict=True))
         if any(most):
             after = [m - q for m, q in zip(most, shift, strict=True)]
-            piece = pad_spatial(ctx, piece, shift, after, f"shifted{_tag(offset)}")
+            piece = pad_spatial(ctx, piece, x, shift, after, f"shifted{_tag(offset)}")
         by_phase.setdefault(phase, []).append(piece)
     phases = []
     for phase in itertools.product(*(range(s) for s in strides)):
         parts = by_phase.get(phase)
         if parts is None:  # a stride beyond the window leaves gaps
             some = next(iter(by_phase.values()))[0]
-            parts = [ctx.op("Mul", some, ctx.const(0, f"nothing{_tag(phase)}", like=some), role=f"gap_phase{_tag(phase)}")]
+            zero = ctx.const(0, f"nothing{_tag(phase)}", like=x)
+            parts = [ctx.op("Mul", some, zero, role=f"gap_phase{_tag(phase)}")]
         phases.append(parts[0] if len(parts) == 1 else ctx.op("Sum", *parts, role=f"phase{_tag(phase)}"))
     full = _interleave(ctx, phases, strides)
 
     dims = (ctx.shape(x) or [])[2:]
     size = spatial_shape(ctx, x, "x_size")
-    if not window.padded and not any(most):
+    if not window.padded and window.extent == strides:
         if all(isinstance(d, int) and d % s == 0 for d, s in zip(dims, strides, strict=True)):
             return full
         # Floor mode drops up to s - 1 trailing pixels; their gradient is zero.
         lack = ctx.op("Sub", size, spatial_shape(ctx, full, "full_size"), role="lack")
-        return pad_spatial(ctx, full, [0] * n, lack, "dx")
+        return pad_spatial(ctx, full, x, [0] * n, lack, "dx")
     begin = begin_pads(ctx, window, x)
     if any(s > 1 for s in strides):
-        full = pad_spatial(ctx, full, [0] * n, [s - 1 for s in strides], "room")
+        full = pad_spatial(ctx, full, x, [0] * n, [s - 1 for s in strides], "room")
     return crop_spatial(ctx, full, begin, size, "dx", window.spatial_axes)
 
 
@@ -175,12 +171,11 @@ def _interleave(ctx: Context, phases: Sequence[str], strides: Sequence[int]) -> 
     if n == 2 and strides[0] == strides[1]:
         return ctx.op("DepthToSpace", joined, role="interleaved", blocksize=strides[0], mode="DCR")
     # (N, s1..sn, C, h1..hn) -> (N, C, h1, s1, ..., hn, sn) -> (N, C, h1 s1, ..., hn sn)
-    size = spatial_shape(ctx, phases[0], "phase_size")
-    channels = (ctx.shape(ctx.node.input[0]) or [])[1]
-    assert isinstance(channels, int)
-    split = ctx.op("Concat", ctx.int64s([0, *strides, channels], "split_head"), size, role="split_shape", axis=0)
-    apart = ctx.op("Reshape", joined, split, role="split")
+    size = slice_axes(ctx, ctx.op("Shape", phases[0], role="phase_shape"), [2], [FAR], [0], "phase_size")
+    apart = ctx.op(
+        "Reshape", joined, concat_ints(ctx, [[0, *strides, -1], size], "split_shape"), role="split"
+    )
     order = [0, n + 1, *itertools.chain.from_iterable((n + 2 + i, 1 + i) for i in range(n))]
     turned = ctx.op("Transpose", apart, role="turned", perm=order)
     merged = ctx.op("Mul", size, ctx.int64s(strides, "merge_strides"), role="merged_size")
-    return ctx.op("Reshape", turned, ctx.op("Concat", ctx.int64s([0, channels], "merge_head"), merged, role="merge_shape", axis=0), role="interleaved")
+    return ctx.op("Reshape", turned, concat_ints(ctx, [[0, 0], merged], "merge_shape"), role="interleaved")

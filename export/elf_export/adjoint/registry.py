@@ -4,32 +4,40 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
+import numpy as np
 import onnx
 
-from ..graph import Array, Dim, Graph, attributes
+from elf_export.graph import Array, Dim, Graph, attributes
 
-if TYPE_CHECKING:
-    import numpy as np
+MIN_OPSET = 11  # Slice, Pad, Clip and Resize take their bounds as inputs from here on
 
 Gradients = Sequence[str | None]
-"""One value name per input of the node, None where an input gets no gradient."""
+"""One value name per input of the node, None where it gets no gradient; trailing Nones may be left out."""
 
 Rule = Callable[..., Gradients]
-"""rule(ctx, node, *grad_y) -> Gradients; `grad_y` has one entry per output, None for an output nobody used."""
+"""rule(ctx, node, *grad_y); one `grad_y` per differentiated output, None if nobody used it."""
 
 RuleT = TypeVar("RuleT", bound=Rule)
+Supports = Callable[["Context"], str | None]
 
 
 @dataclass(frozen=True)
-class _Entry:
+class Entry:
+    """A row of the table; the fields are the arguments of `adjoint`."""
+
     rule: Rule
-    since_opset: int
-    supports: Callable[[Context], str | None] | None
+    since_opset: int = MIN_OPSET
+    supports: Supports | None = None
+    inputs: int | None = 1
+    outputs: int | None = 1
+    broadcasts: bool = False
+    core_axes: int = 0
+    through_integers: bool = False
 
 
-_RULES: dict[str, _Entry] = {}
+_RULES: dict[str, Entry] = {}
 _NO_GRADIENT: set[str] = set()
 
 
@@ -37,6 +45,7 @@ class Context:
     """What a rule may ask of the forward graph, and where it emits its nodes.
 
     Emitted nodes are named ``adj/<forward node>/<role>``, so that a profile pairs forward and backward.
+    Shapes and dtypes are known of forward values only, not of what a rule has just emitted.
     """
 
     def __init__(self, graph: Graph, node: onnx.NodeProto, wanted: Sequence[bool] = ()) -> None:
@@ -53,13 +62,19 @@ class Context:
         """Emit a node and return its (first) output."""
         return self.graph.op(op_type, *inputs, name=self._name(role or op_type.lower()), **attrs)
 
-    def const(self, value: Any, role: str, like: str | None = None) -> str:
-        """Emit a constant; of the dtype of value `like` if given."""
-        dtype = self.graph.dtype(like) if like is not None else None
+    def const(
+        self, value: Any, role: str, like: str | None = None, dtype: np.dtype[Any] | None = None
+    ) -> str:
+        """Emit a constant; of the dtype of the forward value `like`, or of `dtype`, if given."""
+        dtype = self.graph.dtype(like) if like is not None else dtype
         return self.graph.const(value, self._name(role), dtype)
 
     def int64s(self, values: Sequence[int], role: str) -> str:
         return self.graph.int64s(values, self._name(role))
+
+    def input(self, index: int) -> str:
+        """Name of an optional input, empty if it is absent."""
+        return str(self.node.input[index]) if index < len(self.node.input) else ""
 
     def value(self, name: str) -> Array | None:
         """The value of a constant input, None if it is computed."""
@@ -82,7 +97,14 @@ class Context:
 
 
 def adjoint(
-    *ops: str, since_opset: int = 1, supports: Callable[[Context], str | None] | None = None
+    *ops: str,
+    since_opset: int = MIN_OPSET,
+    supports: Supports | None = None,
+    inputs: int | None = 1,
+    outputs: int | None = 1,
+    broadcasts: bool = False,
+    core_axes: int = 0,
+    through_integers: bool = False,
 ) -> Callable[[RuleT], RuleT]:
     """Register a rule for `ops`.
 
@@ -92,6 +114,15 @@ def adjoint(
         First opset that the rule understands.
     supports : function, optional
         ``supports(ctx)`` returns why this node can't be differentiated, or None if it can.
+    inputs, outputs : int, optional
+        How many leading inputs the rule can differentiate, and of how many leading outputs it takes a
+        gradient; None for all.  A node that needs more is reported, never silently cut short.
+    broadcasts : bool
+        The inputs are broadcast against one another; the engine sums their gradients back.
+    core_axes : int
+        Trailing axes that do not broadcast (2 for MatMul).
+    through_integers : bool
+        The gradient passes although an input or output holds integers (QuantizeLinear, DequantizeLinear).
 
     Raises
     ------
@@ -101,43 +132,52 @@ def adjoint(
 
     def register(rule: RuleT) -> RuleT:
         for op in ops:
-            if op in _RULES or op in _NO_GRADIENT:
-                raise ValueError(f"op {op!r} is registered already")
-            _RULES[op] = _Entry(rule, since_opset, supports)
+            _refuse_twice(op)
+            _RULES[op] = Entry(
+                rule, since_opset, supports, inputs, outputs, broadcasts, core_axes, through_integers
+            )
         return rule
 
     return register
 
 
 def no_gradient(*ops: str) -> None:
-    """Register `ops` as constant almost everywhere, or not differentiable by nature (Shape, Equal, Floor ...)."""
+    """Register `ops` as constant almost everywhere, or not differentiable by nature (Shape, Floor ...)."""
     for op in ops:
-        if op in _RULES or op in _NO_GRADIENT:
-            raise ValueError(f"op {op!r} is registered already")
+        _refuse_twice(op)
         _NO_GRADIENT.add(op)
 
 
-def rule_for(op: str) -> Rule:
-    return _RULES[op].rule
+def _refuse_twice(op: str) -> None:
+    if op in _RULES or op in _NO_GRADIENT:
+        raise ValueError(f"op {op!r} is registered already")
 
 
-def has_no_gradient(op: str) -> bool:
-    return op in _NO_GRADIENT
+def entry_for(node: onnx.NodeProto) -> Entry | None:
+    """The table's row for a node, None without one."""
+    return _RULES.get(node.op_type) if is_standard(node) else None
+
+
+def has_no_gradient(node: onnx.NodeProto) -> bool:
+    return is_standard(node) and node.op_type in _NO_GRADIENT
+
+
+def is_straight_through(node: onnx.NodeProto) -> bool:
+    """Whether a gradient passes through the node's integers."""
+    entry = entry_for(node)
+    return entry is not None and entry.through_integers
+
+
+def is_floating(graph: Graph, name: str) -> bool:
+    """Whether a value holds real numbers: integers and booleans stop a gradient."""
+    dtype = graph.dtype(name)
+    return np.issubdtype(dtype, np.inexact) or dtype.kind == "V"  # V: bfloat16
+
+
+def is_standard(node: onnx.NodeProto) -> bool:
+    return node.domain in ("", "ai.onnx")
 
 
 def supported_ops() -> list[str]:
     """Names of the ops that have a rule, sorted."""
     return sorted(_RULES)
-
-
-def why_unsupported(context: Context) -> str | None:
-    """Why the context's node can't be differentiated, None if it can."""
-    node = context.node
-    if node.domain not in ("", "ai.onnx"):
-        return f"domain {node.domain!r} is not standard ONNX"
-    entry = _RULES.get(node.op_type)
-    if entry is None:
-        return "no rule"
-    if context.opset < entry.since_opset:
-        return f"the rule needs opset {entry.since_opset} or later"
-    return entry.supports(context) if entry.supports else None

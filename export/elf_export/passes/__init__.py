@@ -4,5 +4,6 @@ from __future__ import annotations
 
 from .cut import cut
 from .fold_batchnorm import fold_batchnorm
+from .fold_constants import fold_constants
 
-__all__ = ["cut", "fold_batchnorm"]
+__all__ = ["cut", "fold_batchnorm", "fold_constants"]

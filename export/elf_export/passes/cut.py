@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import onnx
 from onnx import helper
 
-from ..graph import Graph
+from elf_export.graph import Graph, captured
 
 
 def cut(model: onnx.ModelProto, outputs: Sequence[str]) -> onnx.ModelProto:
@@ -35,7 +35,7 @@ def cut(model: onnx.ModelProto, outputs: Sequence[str]) -> onnx.ModelProto:
         if name in producers:
             node = producers[name]
             stack.extend(node.input)
-            stack.extend(_captured(node))
+            stack.extend(captured(node))
         elif name not in inputs and not graph.is_constant(name):
             raise KeyError(name)
 
@@ -49,24 +49,17 @@ def cut(model: onnx.ModelProto, outputs: Sequence[str]) -> onnx.ModelProto:
         old_outputs.get(name) or helper.make_tensor_value_info(name, graph.elem_type(name), graph.shape(name))
         for name in outputs
     ]
+    proto = result.graph
     for field, kept in (
-        (result.graph.node, nodes), (result.graph.initializer, initializers), (result.graph.input, kept_inputs),
-        (result.graph.value_info, kept_infos), (result.graph.output, new_outputs),
-    ):  # fmt: skip
+        (proto.node, nodes),
+        (proto.initializer, initializers),
+        (proto.input, kept_inputs),
+        (proto.value_info, kept_infos),
+        (proto.output, new_outputs),
+    ):
         copies = [type(item)() for item in kept]
         for copy, item in zip(copies, kept, strict=True):
             copy.CopyFrom(item)
         del field[:]
         field.extend(copies)
     return result
-
-
-def _captured(node: onnx.NodeProto) -> list[str]:
-    """Names that a control-flow node's subgraphs may read from outside."""
-    names: list[str] = []
-    for attribute in node.attribute:
-        for sub in (attribute.g, *attribute.graphs):
-            for inner in sub.node:
-                names.extend(inner.input)
-                names.extend(_captured(inner))
-    return [name for name in names if name]

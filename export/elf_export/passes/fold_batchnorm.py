@@ -7,14 +7,15 @@ from collections.abc import Collection
 import numpy as np
 import onnx
 
-from ..graph import Graph, attributes
+from elf_export.graph import Graph, attributes
+
 from .cut import cut
 
 
 def fold_batchnorm(model: onnx.ModelProto, keep: Collection[str] = ()) -> onnx.ModelProto:
     """BN(W * x + b) = (f W) * x + f (b - mean) + bias with f = scale / sqrt(var + eps), per output channel.
 
-    Only where the Conv's output has no other reader and is not in `keep` (a layer that somebody wants to see).
+    Only where the Conv's output has no other reader and is not in `keep` (a layer that is asked for).
     """
     graph = Graph(model)
     readers, producers = graph.consumers(), graph.producers()

@@ -1,0 +1,12 @@
+"""Evaluation of keypoint detectors and descriptors: the ELF paper's protocol, and what is used today.
+
+datasets -> methods -> extraction -> pair_metrics -> runner -> results -> report, compare, sweep.
+"""
+
+from __future__ import annotations
+
+from .errors import EvalError
+from .features import LocalFeatures
+from .protocol import Protocol
+
+__all__ = ["EvalError", "LocalFeatures", "Protocol"]

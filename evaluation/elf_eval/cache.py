@@ -1,0 +1,125 @@
+"""Features on disk, by the content that they were made from."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from .features import LocalFeatures
+from .geometry import Float, Size
+from .images import ImageRef
+from .methods import Method
+from .protocol import Protocol
+
+_SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class Extracted:
+    """Features of an image, and what is needed of the image to evaluate them without it.
+
+    Attributes
+    ----------
+    features : LocalFeatures
+    size : (width, height)
+        Of the working image.
+    to_working : (3, 3)
+        Pixels of the file -> pixels of the working image.
+    seconds : float
+        Time of the extraction when it was made; the image was decoded before.
+    """
+
+    features: LocalFeatures
+    size: Size
+    to_working: Float
+    seconds: float
+
+    def digest(self) -> str:
+        """SHA-256 of all but the time."""
+        f = self.features
+        sha = hashlib.sha256(repr(self.size).encode())
+        for array in (f.keypoints, f.scores, f.descriptors, f.sizes, f.angles, self.to_working):
+            sha.update(f"{array.dtype}{array.shape}".encode())
+            sha.update(np.ascontiguousarray(array).tobytes())
+        return sha.hexdigest()
+
+
+def default_folder() -> Path:
+    """``$XDG_CACHE_HOME/elf-eval``, or ``~/.cache/elf-eval``."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "elf-eval"
+
+
+class FeatureCache:
+    """One .npz a method and image.
+
+    The name is a hash of the image's bytes, of what is done to it, of the method's fingerprint and of the
+    number of keypoints: a changed file, setting, model or version is another name, and nothing ever has to
+    be cleared.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def path(self, fingerprint: str, ref: ImageRef, protocol: Protocol) -> Path:
+        """Where the features of an image are, or will be."""
+        parts = [_SCHEMA, fingerprint, ref.digest(protocol.size), protocol.max_keypoints]
+        key = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+        return self.folder / key[:2] / f"{key}.npz"
+
+    def get(self, method: Method, ref: ImageRef, protocol: Protocol) -> tuple[Path, Extracted]:
+        """The features, from the disk or made and put there, and their file."""
+        path = self.path(method.fingerprint, ref, protocol)
+        found = load(path) if method.cacheable else None
+        if found is None:
+            found = extract(method, ref, protocol)
+            save(path, found)
+        return path, found
+
+
+def extract(method: Method, ref: ImageRef, protocol: Protocol) -> Extracted:
+    """Run `method` on an image."""
+    image = ref.open(protocol.size)
+    size, to_working = image.size, image.to_working  # decodes: that is not the method's time
+    start = perf_counter()
+    features = method.extract(image, protocol.max_keypoints)
+    return Extracted(features, size, to_working, perf_counter() - start)
+
+
+def load(path: Path) -> Extracted | None:
+    """None where there is no such file, or only the rest of an interrupted one."""
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
+            features = LocalFeatures(
+                *(data[k] for k in ("keypoints", "scores", "descriptors", "sizes", "angles"))
+            )
+            width, height = (int(v) for v in data["size"])
+            return Extracted(features, (width, height), data["to_working"], float(data["seconds"]))
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile):
+        return None
+
+
+def save(path: Path, found: Extracted) -> None:
+    """Written under another name and moved, so that a file that is there is whole."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_suffix(f".{os.getpid()}.part")
+    f = found.features
+    with open(temporary, "wb") as file:
+        np.savez(
+            file,
+            keypoints=f.keypoints,
+            scores=f.scores,
+            descriptors=f.descriptors,
+            sizes=f.sizes,
+            angles=f.angles,
+            size=np.asarray(found.size),
+            to_working=found.to_working,
+            seconds=np.float64(found.seconds),
+        )
+    os.replace(temporary, path)

@@ -1,0 +1,244 @@
+"""``elf-eval``: run, report, compare, sweep, images, list."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+
+from elf_runtime import ElfError
+
+from . import compare as comparing
+from . import sweep as sweeping
+from .cache import default_folder
+from .datasets import DATASETS, open_dataset
+from .errors import EvalError
+from .methods import METHODS
+from .methods.opencv import OPENCV, installed
+from .protocol import Protocol
+from .report import write_pictures, write_report
+from .results import Results
+from .runner import Resources, run
+from .suite import DatasetEntry, MethodEntry, Suite
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit status: 0 done, 1 an error that was explained, 130 interrupted."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    args = _parser().parse_args(arguments)
+    args.command_line = shlex.join(["elf-eval", *arguments])
+    try:
+        args.action(args)
+    except (EvalError, ElfError) as error:
+        print(f"elf-eval: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\nelf-eval: interrupted; the same command goes on from here", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _run(args: argparse.Namespace) -> None:
+    out = Path(args.out)
+    by_hand = args.dataset or args.detector or args.descriptor
+    if bool(args.suite) == bool(by_hand):
+        raise EvalError("say either suite files, or --dataset and --detector")
+    if by_hand:
+        _run_suite(_suite_by_hand(args), out, args)
+    suites = [(Path(path), Suite.load(Path(path))) for path in args.suite]
+    for path, suite in suites:
+        protocol = _protocol(args, suite.protocol)
+        _run_suite(replace(suite, protocol=protocol), out / path.stem, args)
+    if suites:
+        index = "".join(f"- [{suite.title}]({path.stem}/README.md)\n" for path, suite in suites)
+        (out / "README.md").write_text(f"# Evaluation\n\nMade by `{args.command_line}`.\n\n{index}")
+
+
+def _run_suite(suite: Suite, out: Path, args: argparse.Namespace) -> None:
+    out.mkdir(parents=True, exist_ok=True)
+    log = out / "unfinished.jsonl"
+    results = run(suite, _resources(args), log)
+    results.save(out / "results.json")
+    log.unlink(missing_ok=True)
+    pictures = write_pictures(suite, results, out / "pictures", _resources(args))
+    write_report(results, out, suite.title, suite.note, suite.tables, args.command_line, pictures)
+    print((out / "README.md").read_text())
+    print(f"written: {out}/README.md, index.html, tables.csv, results.json", file=sys.stderr)
+
+
+def _report(args: argparse.Namespace) -> None:
+    results, out = Results.load(Path(args.results)), Path(args.out or Path(args.results).parent)
+    pictures = sorted((out / "pictures").glob("*.jpg"))
+    if args.suite:
+        suite = Suite.load(Path(args.suite))
+        write_report(results, out, suite.title, suite.note, suite.tables, args.command_line, pictures)
+    else:
+        write_report(results, out, "Evaluation", "", [], args.command_line, pictures)
+    print(f"written: {out}/README.md, index.html, tables.csv", file=sys.stderr)
+
+
+def _compare(args: argparse.Namespace) -> None:
+    a, b = Results.load(Path(args.a)), Results.load(Path(args.b))
+    if bool(args.method_a) != bool(args.method_b):
+        raise EvalError("--method-a and --method-b go together")
+    methods = (args.method_a, args.method_b) if args.method_a else None
+    metrics = tuple(args.metrics.split(",")) if args.metrics else comparing.METRICS
+    for line in comparing.warnings(a, b):
+        print(f"differs: {line}")
+    print(comparing.table(comparing.compare(a, b, metrics, methods, args.unit)))
+
+
+def _sweep(args: argparse.Namespace) -> None:
+    texts = sweeping.trials(args.model, sweeping.parse_grid(args.grid), args.limit, args.seed)
+    tune = args.tune.split(",") if args.tune else None
+    found = sweeping.sweep(
+        texts, args.dataset, args.metric, args.top, _protocol(args, Protocol()), _resources(args), tune
+    )
+    print(f"{len(texts)} settings; the last line is the reference of the gain")
+    print(sweeping.table(found, args.metric))
+
+
+def _images(args: argparse.Namespace) -> None:
+    out, size = Path(args.out), _protocol(args, Protocol()).size
+    refs = list(open_dataset(args.dataset).images())
+    for ref in refs:
+        path = (out / ref.name).with_suffix(".png")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(path), ref.open(size).pixels)
+    print(f"{len(refs)} images in {out}")
+
+
+def _list(_: argparse.Namespace) -> None:
+    here = [kind for kind in OPENCV if installed(kind)]
+    missing = [kind for kind in OPENCV if kind not in here]
+    print(f"datasets: {', '.join(DATASETS)}")
+    print(f"methods:  {', '.join(kind for kind in METHODS if kind not in OPENCV)}, plugin:module.function")
+    print(f"OpenCV {cv2.__version__}: {', '.join(here)}; not in this build: {', '.join(missing) or 'none'}")
+
+
+def _suite_by_hand(args: argparse.Namespace) -> Suite:
+    methods = [
+        MethodEntry(f"{detector} + {descriptor}" if descriptor else detector, detector, descriptor)
+        for detector in args.detector or []
+        for descriptor in args.descriptor or [None]
+    ]
+    datasets = [DatasetEntry(*_named(text)) for text in args.dataset or []]
+    return Suite(methods, datasets, protocol=_protocol(args, Protocol(counts=("own",))))
+
+
+def _named(text: str) -> tuple[str, str]:
+    """``NAME=kind:folder`` or ``kind:folder``, which is named by its kind."""
+    name, equals, spec = text.partition("=")
+    return (name, spec) if equals and ":" not in name else (text.partition(":")[0], text)
+
+
+def _protocol(args: argparse.Namespace, base: Protocol) -> Protocol:
+    changes = {name: getattr(args, name, None) for name in ("size", "max_keypoints", "eps", "counts")}
+    return Protocol.from_dict({**vars(base), **{k: v for k, v in changes.items() if v is not None}})
+
+
+def _resources(args: argparse.Namespace) -> Resources:
+    return Resources(Path(args.cache), args.workers, args.threads, args.quiet)
+
+
+def _size(text: str) -> str | tuple[int, int]:
+    if text == "source":
+        return text
+    width, _, height = text.partition("x")
+    return int(width), int(height)
+
+
+def _positive(text: str) -> int:
+    if int(text) < 1:
+        raise ValueError
+    return int(text)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="elf-eval", description=__doc__)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    one = commands.add_parser("run", help="evaluate methods on datasets")
+    one.add_argument(
+        "suite",
+        nargs="*",
+        help="TOML files: methods, datasets, protocol, tables, pictures; each into OUT/NAME",
+    )
+    one.add_argument(
+        "--dataset", action="append", help="[NAME=]kind:FOLDER[?option=value&...]; may be repeated"
+    )
+    one.add_argument(
+        "--detector", action="append", help="sift, elf:FILE.onnx?preset=paper, ...; may be repeated"
+    )
+    one.add_argument("--descriptor", action="append", help="instead of the detectors' own; may be repeated")
+    one.add_argument("--out", required=True, help="folder of the results")
+    _add_protocol(one)
+    _add_resources(one)
+    one.set_defaults(action=_run)
+
+    one = commands.add_parser("report", help="tables, plots and page of a results file, again")
+    one.add_argument("results")
+    one.add_argument("--suite", help="its title, notes and tables")
+    one.add_argument("--out", help="by default the folder of the results")
+    one.set_defaults(action=_report)
+
+    one = commands.add_parser("compare", help="what changed between two results, and whether it is noise")
+    one.add_argument("a")
+    one.add_argument("b")
+    one.add_argument("--method-a", help="hold this method of the first against --method-b of the second")
+    one.add_argument("--method-b")
+    one.add_argument("--metrics", help=f"comma-separated; by default {','.join(comparing.METRICS)}")
+    one.add_argument(
+        "--unit", choices=("scene", "pair"), default="scene", help="what the bootstrap resamples"
+    )
+    one.set_defaults(action=_compare)
+
+    one = commands.add_parser("sweep", help="choose settings on some scenes, report on the others")
+    one.add_argument(
+        "--model", action="append", required=True, help="elf:FILE.onnx[?...]; one for each layer to try"
+    )
+    one.add_argument(
+        "--grid", action="append", default=[], help="SETTING=VALUE/VALUE/..., e.g. denoise=5,5/5,2"
+    )
+    one.add_argument("--dataset", required=True)
+    one.add_argument("--tune", help="comma-separated scenes to choose on; by default every second one")
+    one.add_argument("--metric", default="ms")
+    one.add_argument("--top", type=_positive, default=5, help="report so many")
+    one.add_argument("--limit", type=_positive, help="try only so many settings, drawn at random")
+    one.add_argument("--seed", type=int, default=0, help="of the draw")
+    _add_protocol(one)
+    _add_resources(one)
+    one.set_defaults(action=_sweep)
+
+    one = commands.add_parser(
+        "images", help="write a dataset's images as evaluated, for another program's features"
+    )
+    one.add_argument("dataset")
+    one.add_argument("--out", required=True)
+    one.add_argument("--size", type=_size, help="WIDTHxHEIGHT or source")
+    one.set_defaults(action=_images)
+
+    one = commands.add_parser("list", help="kinds of datasets and methods")
+    one.set_defaults(action=_list)
+    return parser
+
+
+def _add_protocol(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("protocol")
+    group.add_argument("--size", type=_size, help="WIDTHxHEIGHT (640x480) or source")
+    group.add_argument("--max-keypoints", type=_positive, help="500")
+    group.add_argument("--eps", type=float, help="pixels (5)")
+    group.add_argument("--counts", type=lambda text: text.split(","), help="own, equal or own,equal")
+
+
+def _add_resources(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("resources")
+    group.add_argument("--cache", default=str(default_folder()), help="folder of the features (%(default)s)")
+    group.add_argument("--workers", type=_positive, default=1, help="processes (1)")
+    group.add_argument("--threads", type=_positive, help="threads of each process (all cores)")
+    group.add_argument("--quiet", action="store_true", help="no progress lines")

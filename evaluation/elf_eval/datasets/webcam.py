@@ -1,0 +1,37 @@
+"""Webcam sequences (TILDE's layout): a fixed camera, so that the ground truth is the identity.
+
+root/Chamonix/*.jpg,  or  root/Chamonix/test/image_color/*.png
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from elf_eval.images import ImageRef
+from elf_eval.spec import Spec
+from elf_eval.truth import Homography
+
+from .base import Dataset, Pair
+from .files import folders_in, images_in, is_image
+
+_INNER = ("test/image_color", "test/image_gray", "test/image_grey")
+
+
+def webcam(spec: Spec) -> Dataset:
+    """``webcam:FOLDER``; option ``limit=N`` takes only the first N images of a scene.
+
+    The first image of a scene, in natural order of the names, against each other one.
+    """
+    limit = spec.take("limit", int, 0)
+    pairs: list[Pair] = []
+    for scene in folders_in(spec.folder()):
+        refs = [ImageRef(f"{scene.name}/{p.name}", p) for p in images_in(_image_folder(scene))]
+        refs = refs[:limit] if limit else refs
+        pairs += [Pair(scene.name, refs[0], other, Homography()) for other in refs[1:]]
+    return Dataset("webcam", tuple(pairs))
+
+
+def _image_folder(scene: Path) -> Path:
+    if any(is_image(p) for p in scene.iterdir()):
+        return scene
+    return next((scene / inner for inner in _INNER if (scene / inner).is_dir()), scene)

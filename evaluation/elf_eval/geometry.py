@@ -1,0 +1,67 @@
+"""Geometry in pixels, (x, y): integer = pixel centre, so that an image spans [-0.5, width - 0.5)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Float = npt.NDArray[np.float64]
+Size = tuple[int, int]  # (width, height)
+
+
+def warp(matrix: npt.NDArray[np.floating], points: Any) -> Float:
+    """Apply a homography.
+
+    Parameters
+    ----------
+    matrix : (3, 3), scaled so that visible points get a positive third coordinate
+    points : (N, 2)
+
+    Returns
+    -------
+    (N, 2) float64
+        NaN where the third coordinate is <= 0: the point lies on or behind the horizon.
+    """
+    p = np.asarray(points, np.float64).reshape(-1, 2)
+    q = p @ matrix[:, :2].T + matrix[:, 2]
+    w = np.where(q[:, 2:] > 1e-12, q[:, 2:], np.nan)
+    return np.asarray(q[:, :2] / w, np.float64)
+
+
+def inside(points: Float, size: Size) -> npt.NDArray[np.bool_]:
+    """(N,) bool: which of the (N, 2) points fall on a pixel of an image of (width, height); NaN does not."""
+    half = 0.5
+    low = points >= -half
+    high = points < np.asarray(size, np.float64) - half
+    return np.asarray((low & high).all(axis=1))
+
+
+def resize_matrix(source: Size, target: Size) -> Float:
+    """Pixel coordinates of the source image -> those of the resized one.
+
+    The images' outer edges coincide, as in ``cv2.resize``: x' = (x + 0.5) s - 0.5, not x' = s x.
+    """
+    sx, sy = target[0] / source[0], target[1] / source[1]
+    return np.array([[sx, 0.0, (sx - 1.0) / 2.0], [0.0, sy, (sy - 1.0) / 2.0], [0.0, 0.0, 1.0]])
+
+
+def corners(size: Size) -> Float:
+    """(4, 2): the centres of the corner pixels, clockwise from the top left."""
+    w, h = size[0] - 1.0, size[1] - 1.0
+    return np.array([[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]])
+
+
+def rotation_angle(a: Float, b: Float) -> float:
+    """Angle in degrees between two rotation matrices."""
+    cosine = (np.trace(a.T @ b) - 1.0) / 2.0
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def direction_angle(a: Float, b: Float) -> float:
+    """Angle in degrees in [0, 90] between two lines of directions `a` and `b`; NaN for a zero vector."""
+    norms = float(np.linalg.norm(a) * np.linalg.norm(b))
+    if norms == 0.0:
+        return float("nan")
+    return float(np.degrees(np.arccos(np.clip(abs(float(a @ b)) / norms, 0.0, 1.0))))

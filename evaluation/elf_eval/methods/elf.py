@@ -1,0 +1,60 @@
+"""Any ELF model, through its public runtime."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import onnxruntime
+
+import elf_runtime
+from elf_eval.errors import EvalError
+from elf_eval.features import LocalFeatures
+from elf_eval.images import Image
+from elf_eval.settings import detection_changes
+from elf_eval.spec import Spec, file_digest
+from elf_runtime import ElfError, ElfRuntime, SettingError
+
+from .base import Method, code_digest
+
+
+class Elf(Method):
+    """``elf:FILE.onnx``, or ``elf`` for the bundled model.
+
+    Options: ``preset=paper``, ``descriptor=LAYER``, and every field of `elf_runtime.DetectionParams`
+    (``scale=0.5``, ``denoise=5,2``, ``threshold=kapur``, ``nms_radius=10`` ...).
+    """
+
+    def __init__(self, spec: Spec, threads: int | None) -> None:
+        path = spec.file("ELF model") if spec.argument else None
+        self._preset = spec.take("preset", str, None) or None
+        self._descriptor = spec.take("descriptor", str, None) or None
+        self._settings = detection_changes(spec)
+        try:
+            self._runtime = ElfRuntime(path, threads=threads)
+            params = self._runtime.params(self._preset, **self._settings)
+            self._runtime.contract.descriptor(self._descriptor)
+        except (ElfError, SettingError) as error:
+            raise EvalError(f"{spec.text}: {error}") from error
+        model = file_digest(path) if path else f"bundled {elf_runtime.__version__}"
+        code = code_digest(*Path(elf_runtime.__file__).parent.glob("*.py"), __file__)
+        self._nms_radius = params.nms_radius
+        self.fingerprint = json.dumps(
+            ["elf", model, self._descriptor, params.to_dict(), code, onnxruntime.__version__], sort_keys=True
+        )
+
+    def extract(self, image: Image, limit: int) -> LocalFeatures:
+        changes: dict[str, Any] = {**self._settings, "max_keypoints": limit}
+        found = self._runtime.detect(
+            image.pixels, preset=self._preset, descriptor=self._descriptor, **changes
+        )
+        return LocalFeatures.build(
+            found.keypoints, found.scores, found.descriptors, sizes=2.0 * self._nms_radius + 1.0
+        )
+
+    def describe(self, image: Image, features: LocalFeatures) -> LocalFeatures:
+        scale = self._runtime.params(self._preset, **self._settings).scale
+        return features.described(
+            self._runtime.describe(image.pixels, features.keypoints, descriptor=self._descriptor, scale=scale)
+        )

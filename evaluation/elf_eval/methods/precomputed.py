@@ -1,0 +1,77 @@
+"""Features that another program wrote, so that it can be compared without its code.
+
+``npz:FOLDER``  one file an image, D2-Net's style: keypoints (N, 2 or more: x, y, ...), scores (N,) and
+                descriptors (N, D), at FOLDER/<image name><suffix>
+``h5:FILE``     one group an image, hloc's style: keypoints (N, 2), scores (N,), descriptors (D, N)
+
+The image's name is the dataset's, e.g. ``v_graf/1.png``; ``elf-eval images`` writes the pictures under it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elf_eval.errors import EvalError
+from elf_eval.features import LocalFeatures
+from elf_eval.geometry import warp
+from elf_eval.images import Image
+from elf_eval.spec import Spec
+
+from .base import Method
+
+
+class Precomputed(Method):
+    """Options: ``frame=source`` (keypoints in pixels of the file, the default) or ``working`` (of the image
+    as resized), and for npz ``suffix=.npz``.  Without scores the file's order is the order of strength.
+    """
+
+    cacheable = False
+
+    def __init__(self, spec: Spec, threads: int | None) -> None:
+        del threads
+        self._frame = spec.take("frame", str, "source")
+        if self._frame not in ("source", "working"):
+            raise EvalError(f"{spec.text}: option frame={self._frame}: expected source or working")
+        self._is_h5 = spec.kind == "h5"
+        self._path = spec.file("features") if self._is_h5 else spec.folder()
+        self._suffix = "" if self._is_h5 else spec.take("suffix", str, ".npz")
+        self.fingerprint = f"{spec.kind} {self._path.resolve()} {self._suffix} {self._frame}"
+
+    def extract(self, image: Image, limit: int) -> LocalFeatures:
+        where, data = self._read_h5(image) if self._is_h5 else self._read_npz(image)
+        if "keypoints" not in data:
+            raise EvalError(f"{where}: no keypoints in it; there are {sorted(data)}")
+        points = np.asarray(data["keypoints"], np.float64).reshape(len(data["keypoints"]), -1)[:, :2]
+        if self._frame == "source":
+            points = warp(image.to_working, points)
+        scores = data.get("scores", -np.arange(len(points), dtype=np.float32))
+        descriptors = data.get("descriptors")
+        if descriptors is not None and self._is_h5:
+            descriptors = descriptors.T
+        try:
+            return LocalFeatures.build(points, scores, descriptors).first(limit)
+        except (EvalError, ValueError) as error:
+            raise EvalError(f"{where}: {error}") from error
+
+    def _read_npz(self, image: Image) -> tuple[Path, Mapping[str, Any]]:
+        path = self._path / (image.name + self._suffix)
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                return path, dict(file)
+        except (OSError, ValueError) as error:
+            raise EvalError(f"{path}: no features of {image.name}: {error}") from error
+
+    def _read_h5(self, image: Image) -> tuple[str, Mapping[str, Any]]:
+        try:
+            import h5py
+        except ImportError as error:
+            raise EvalError("reading .h5 features needs h5py: pip install elf-onnx[eval]") from error
+        where = f"{self._path}:{image.name}"
+        with h5py.File(self._path, "r") as file:
+            if image.name not in file:
+                raise EvalError(f"{where}: no such group; the file has {list(file)[:5]} ...")
+            return where, {key: np.asarray(value) for key, value in file[image.name].items()}

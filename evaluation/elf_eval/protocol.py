@@ -1,0 +1,105 @@
+"""The settings that every method of a run shares."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+import cv2
+
+from .errors import EvalError
+from .geometry import Size
+
+
+@dataclass(frozen=True)
+class Ransac:
+    """Robust estimation by OpenCV; the settings stand by name in every result.
+
+    `estimator` is a cv2 constant ("RANSAC", "USAC_MAGSAC", ...), `threshold` is in pixels.
+    """
+
+    estimator: str = "USAC_MAGSAC"
+    threshold: float = 3.0
+    iterations: int = 10000
+    confidence: float = 0.9999
+    seed: int = 0
+
+    @property
+    def method(self) -> int:
+        value = getattr(cv2, self.estimator, None)
+        if not isinstance(value, int):
+            raise EvalError(f"OpenCV {cv2.__version__} has no robust estimator {self.estimator!r}")
+        return value
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """How images are prepared and features compared; the defaults are the paper's.
+
+    Attributes
+    ----------
+    size : (width, height) or None
+        Every image is resized to it, bilinear; None leaves images as they are.
+    max_keypoints : int
+        The strongest that many of each image.
+    eps : float
+        Pixels within which a keypoint counts as repeated.
+    counts : tuple of "own" and "equal"
+        "own": up to `max_keypoints`, however many a method finds.  "equal": of each image, every method keeps
+        as many as the method that found the fewest there.
+    homography, pose : Ransac
+    """
+
+    size: Size | None = (640, 480)
+    max_keypoints: int = 500
+    eps: float = 5.0
+    counts: tuple[str, ...] = ("own",)
+    homography: Ransac = field(default_factory=Ransac)
+    pose: Ransac = field(default_factory=lambda: Ransac(estimator="RANSAC", threshold=1.0, iterations=1000))
+
+    def __post_init__(self) -> None:
+        if self.size is not None and (len(self.size) != 2 or min(self.size) < 1):
+            raise EvalError(f"protocol: size is (width, height), not {self.size!r}")
+        if self.max_keypoints < 1:
+            raise EvalError(f"protocol: max_keypoints is an integer >= 1, not {self.max_keypoints!r}")
+        if not self.eps > 0:
+            raise EvalError(f"protocol: eps is a positive number of pixels, not {self.eps!r}")
+        if not self.counts or set(self.counts) - {"own", "equal"}:
+            raise EvalError(f"protocol: counts is a list of 'own' and 'equal', not {self.counts!r}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Protocol:
+        """From plain data, such as a suite's ``[protocol]``; ``size = "source"`` keeps images as they are.
+
+        Raises
+        ------
+        EvalError
+            On an unknown key.
+        """
+        known = {f.name for f in fields(cls)}
+        if unknown := set(data) - known:
+            raise EvalError(f"protocol: unknown settings {sorted(unknown)}; known are {sorted(known)}")
+        values = dict(data)
+        if "size" in values:
+            values["size"] = _size(values["size"])
+        if "counts" in values:
+            values["counts"] = tuple(values["counts"])
+        for name in ("homography", "pose"):
+            if isinstance(values.get(name), Mapping):
+                values[name] = Ransac(**values[name])
+        return cls(**values)
+
+
+def _size(value: Any) -> Size | None:
+    if value in (None, "source"):
+        return None
+    try:
+        width, height = (int(v) for v in value)
+    except (TypeError, ValueError) as error:
+        raise EvalError(f"protocol: size is [width, height] or 'source', not {value!r}") from error
+    return width, height

@@ -1,0 +1,116 @@
+"""The report's files: README.md, index.html and tables.csv, around the plots and pictures."""
+
+from __future__ import annotations
+
+from html import escape
+from pathlib import Path
+
+from elf_eval.results import Results
+from elf_eval.suite import TableEntry
+
+from . import plots
+from .table import Table
+from .tables import build, write_csv
+
+_STYLE = """body { font: 15px/1.5 sans-serif; max-width: 72rem; margin: 2rem auto; padding: 0 1rem }
+table { border-collapse: collapse; margin: 1rem 0 }
+caption { text-align: left; font-weight: bold; padding: .3rem 0 }
+td, th { border: 1px solid #ccc; padding: .25rem .6rem; text-align: left; font-variant-numeric: tabular-nums }
+th { background: #f3f3f3 } img { max-width: 100% } code { background: #f3f3f3; padding: 0 .2rem }"""
+
+
+def write_report(
+    results: Results,
+    out: Path,
+    title: str,
+    note: str,
+    tables: list[TableEntry],
+    command: str,
+    pictures: list[Path],
+) -> None:
+    """Write ``README.md``, ``index.html``, ``tables.csv`` and ``plots/`` into `out`.
+
+    Parameters
+    ----------
+    tables : list of TableEntry
+        Empty: one table of everything.
+    command : str
+        What makes this report again.
+    pictures : list of Path
+        Match pictures inside `out`.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    write_csv(results, out / "tables.csv")
+    drawn = plots.available()
+    sections: list[tuple[TableEntry, list[Table], list[str]]] = []
+    for number, entry in enumerate(tables or [TableEntry("All methods")], start=1):
+        images: list[str] = []
+        if drawn:
+            (out / "plots").mkdir(exist_ok=True)
+            written = plots.plot(results, entry, out / "plots" / f"{number:02d}")
+            images = [f"plots/{path.name}" for path in written]
+        sections.append((entry, build(results, entry), images))
+    facts = _facts(results, command)
+    shown = [path.relative_to(out).as_posix() for path in pictures]
+    (out / "README.md").write_text(_markdown(title, note, facts, sections, shown))
+    (out / "index.html").write_text(_html(title, note, facts, sections, shown))
+
+
+def _facts(results: Results, command: str) -> list[str]:
+    """What a reader must know to judge the figures and to make them again."""
+    p = results.protocol
+    size = "images as they are" if p["size"] is None else f"images at {p['size'][0]}x{p['size'][1]}"
+    h = p["homography"]
+    facts = [
+        f"Made by `{command}` on {results.created[:10]}.",
+        f"Protocol: {size}, at most {p['max_keypoints']} keypoints, repeated within {p['eps']:g} px.",
+        "Averaged per scene, then over scenes, in percent; in brackets: 95 % bootstrap interval over scenes.",
+        f"Homographies from mutual nearest neighbours by OpenCV's {h['estimator']}: {h['threshold']:g} px, "
+        f"{h['iterations']} iterations, confidence {h['confidence']}, seed {h['seed']}.",
+        "Versions: " + ", ".join(f"{name} {version}" for name, version in results.versions.items()) + ".",
+    ]
+    if "equal" in p["counts"]:
+        facts.insert(
+            2, "Equal counts: of each image, every method keeps as many as the one that found the fewest."
+        )
+    facts += [f"Not measured: {s['name']}: {s['reason']}." for s in results.skipped]
+    return facts
+
+
+def _markdown(
+    title: str,
+    note: str,
+    facts: list[str],
+    sections: list[tuple[TableEntry, list[Table], list[str]]],
+    pictures: list[str],
+) -> str:
+    parts = [f"# {title}", *([note] if note else []), "\n".join(f"- {fact}" for fact in facts)]
+    for entry, tables, images in sections:
+        parts += [f"## {entry.title}", *([entry.note] if entry.note else [])]
+        parts += [table.markdown().rstrip("\n") for table in tables]
+        parts += [f"![{entry.title}]({image})" for image in images]
+    if pictures:
+        parts += ["## Matches", "Green: right; red: wrong; blue: keypoints without a match."]
+        parts += [f"![matches]({picture})" for picture in pictures]
+    return "\n\n".join(parts) + "\n"
+
+
+def _html(
+    title: str,
+    note: str,
+    facts: list[str],
+    sections: list[tuple[TableEntry, list[Table], list[str]]],
+    pictures: list[str],
+) -> str:
+    parts = [f"<h1>{escape(title)}</h1>", f"<p>{escape(note)}</p>" if note else ""]
+    parts.append("<ul>" + "".join(f"<li>{escape(fact.replace('`', ''))}</li>" for fact in facts) + "</ul>")
+    for entry, tables, images in sections:
+        parts += [f"<h2>{escape(entry.title)}</h2>", f"<p>{escape(entry.note)}</p>" if entry.note else ""]
+        parts += [table.html() for table in tables]
+        parts += [f'<p><img src="{image}" alt="{escape(entry.title)}"></p>' for image in images]
+    if pictures:
+        parts.append("<h2>Matches</h2><p>Green: right; red: wrong; blue: keypoints without a match.</p>")
+        parts += [f'<p><img src="{picture}" alt="matches"></p>' for picture in pictures]
+    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{_STYLE}</style>'
+    body = "\n".join(filter(None, parts))
+    return f'<!doctype html><html lang="en"><head>{head}</head><body>\n{body}\n</body></html>\n'

@@ -1,0 +1,109 @@
+"""Match pictures: two images side by side, right matches green, wrong ones red."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from elf_eval.cache import Extracted, FeatureCache
+from elf_eval.datasets import Pair, open_dataset
+from elf_eval.errors import EvalError
+from elf_eval.methods import open_methods
+from elf_eval.metrics import descriptor_distances, mutual_nearest
+from elf_eval.results import Results
+from elf_eval.runner import Resources
+from elf_eval.suite import Suite
+
+_GREEN, _RED, _GREY, _BLUE = (60, 180, 60), (60, 60, 230), (160, 160, 160), (220, 150, 40)  # BGR
+
+
+def write_pictures(suite: Suite, results: Results, folder: Path, resources: Resources) -> list[Path]:
+    """The suite's pictures, of the methods that the results have; features come from the cache.
+
+    Raises
+    ------
+    EvalError
+        On a pair that its dataset does not have.
+    """
+    written = []
+    cache = FeatureCache(resources.cache)
+    specs = {entry.name: entry.spec for entry in suite.datasets}
+    measured = {m["name"] for m in results.methods}
+    for entry in suite.pictures:
+        pair = _find(open_dataset(suite.expand(specs[entry.dataset])).pairs, entry.pair)
+        for method_entry in suite.methods:
+            name = method_entry.name
+            if name not in measured or (entry.methods and name not in entry.methods):
+                continue
+            texts = [suite.expand(t) if t else None for t in (method_entry.detector, method_entry.descriptor)]
+            method = open_methods(texts[0] or "", texts[1], resources.threads)
+            first, second = (cache.get(method, ref, suite.protocol)[1] for ref in (pair.first, pair.second))
+            pixels = [ref.open(suite.protocol.size).pixels for ref in (pair.first, pair.second)]
+            picture = draw_matches(pixels[0], pixels[1], first, second, pair, suite.protocol.eps, name)
+            slug = "".join(c if c.isalnum() else "-" for c in f"{entry.pair}-{name}".lower())
+            folder.mkdir(parents=True, exist_ok=True)
+            path = folder / f"{slug}.jpg"
+            cv2.imwrite(str(path), picture, [cv2.IMWRITE_JPEG_QUALITY, 85])
+            written.append(path)
+    return written
+
+
+def draw_matches(
+    pixels1: npt.NDArray[np.uint8],
+    pixels2: npt.NDArray[np.uint8],
+    first: Extracted,
+    second: Extracted,
+    pair: Pair,
+    eps: float,
+    title: str,
+) -> npt.NDArray[Any]:
+    """Two (H, W, 3) BGR images with their mutual nearest neighbours.
+
+    Green: within `eps` pixels of where the ground truth says; red: not; grey: the ground truth does not say.
+    Keypoints that are not matched are small blue dots, all there is for a detector alone.
+    """
+    offset = pixels1.shape[1] + 4
+    height = max(pixels1.shape[0], pixels2.shape[0])
+    canvas = np.full((height + 26, offset + pixels2.shape[1], 3), 255, np.uint8)
+    canvas[26 : 26 + pixels1.shape[0], : pixels1.shape[1]] = pixels1
+    canvas[26 : 26 + pixels2.shape[0], offset:] = pixels2
+    a, b = first.features, second.features
+    for shift, points in ((0, a.keypoints), (offset, b.keypoints)):
+        for x, y in points:
+            cv2.circle(canvas, _at(x + shift, y), 2, _BLUE, -1, cv2.LINE_AA)
+    matches = np.zeros((0, 2), np.int64)
+    if a.descriptors.shape[1] and b.descriptors.shape[1]:
+        matches = mutual_nearest(descriptor_distances(a.descriptors, b.descriptors))
+    p1, p2 = a.keypoints[matches[:, 0]], b.keypoints[matches[:, 1]]
+    forward = pair.truth.at(first.to_working, second.to_working).forward
+    error = (
+        np.full(len(p1), np.nan)
+        if forward is None
+        else np.linalg.norm(forward(p1.astype(float)) - p2, axis=1)
+    )
+    right = error <= eps
+    for i in np.argsort(right, kind="stable"):  # the right ones on top
+        colour = _GREY if np.isnan(error[i]) else _GREEN if right[i] else _RED
+        ends = _at(*p1[i]), _at(p2[i, 0] + offset, p2[i, 1])
+        cv2.line(canvas, *ends, colour, 1, cv2.LINE_AA)
+        for end in ends:
+            cv2.circle(canvas, end, 3, colour, 1, cv2.LINE_AA)
+    text = f"{title}: {len(a)} and {len(b)} keypoints, {len(matches)} matches"
+    text += f", {int(right.sum())} within {eps:g} px" if len(matches) else ""
+    cv2.putText(canvas, text, (8, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
+    return canvas
+
+
+def _at(x: float, y: float) -> tuple[int, int]:
+    return round(float(x)), round(float(y)) + 26
+
+
+def _find(pairs: tuple[Pair, ...], name: str) -> Pair:
+    for pair in pairs:
+        if pair.name == name:
+            return pair
+    raise EvalError(f"picture {name!r}: no such pair; the dataset has {pairs[0].name!r}, ...")

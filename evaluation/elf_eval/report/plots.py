@@ -1,0 +1,153 @@
+"""Bar plots, curves over a parameter and matching accuracy, with matplotlib where it is installed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elf_eval.metrics import Estimate
+from elf_eval.metrics.matching import MMA_THRESHOLDS
+from elf_eval.results import Results
+from elf_eval.suite import TableEntry
+
+from .summary import summarize
+from .tables import selected
+
+_REP, _MS = "#4477aa", "#ee7733"  # a pair that colour-blind readers can tell apart
+
+
+def available() -> bool:
+    """Whether matplotlib can be imported."""
+    try:
+        import matplotlib
+    except ImportError:
+        return False
+    matplotlib.use("Agg")
+    return True
+
+
+def plot(results: Results, entry: TableEntry, stem: Path) -> list[Path]:
+    """The plots of a table's entry: ``stem-<dataset>-<counts>.png``.
+
+    Returns
+    -------
+    list of Path, empty where there is nothing to plot
+    """
+    draw = {"bars": _bars, "curves": _curves, "mma": _mma}[entry.plot]
+    datasets, methods = selected(results, entry)
+    written = []
+    for dataset in datasets:
+        for counts in results.protocol["counts"]:
+            figure = draw(results, dataset, methods, counts)
+            if figure is not None:
+                slug = "".join(c if c.isalnum() else "-" for c in f"{dataset['name']}-{counts}".lower())
+                path = stem.with_name(f"{stem.name}-{slug}.png")
+                # No date or version inside: the same results give the same file.
+                figure.savefig(path, dpi=110, metadata={"Software": None})
+                written.append(path)
+    return written
+
+
+def _bars(results: Results, dataset: dict[str, Any], methods: list[dict[str, Any]], counts: str) -> Any:
+    from matplotlib.figure import Figure
+
+    names = [m["name"] for m in methods]
+    figure = Figure(figsize=(max(4.0, 1.1 * len(names) + 1.5), 3.6), layout="constrained")
+    axes = figure.subplots()
+    for metric, colour, shift in (("rep", _REP, -0.2), ("ms", _MS, 0.2)):
+        values = [summarize(results.of(dataset["name"], name, counts), metric) for name in names]
+        if not any(values):
+            continue
+        place = np.array([i for i, v in enumerate(values) if v is not None])
+        shown = [v for v in values if v is not None]
+        axes.bar(
+            place + shift,
+            [100 * v.mean for v in shown],
+            0.38,
+            label=metric,
+            color=colour,
+            yerr=_errors(shown),
+            capsize=3,
+        )
+        # At the foot: the error bars hide the middle of a bar.
+        for x, value in zip(place + shift, shown, strict=True):
+            axes.text(x, 1.5, f"{100 * value.mean:.1f}", ha="center", color="white", fontsize=8)
+    if not axes.containers:
+        return None
+    axes.set_xticks(range(len(names)), [n.replace(" + ", "\n+ ") for n in names], fontsize=8)
+    axes.set_ylim(0, 100)
+    axes.set_ylabel("%")
+    axes.set_title(_title(dataset, counts, "95 % bootstrap interval over scenes"), fontsize=9)
+    axes.legend(frameon=False, ncols=2)
+    _plain(axes)
+    return figure
+
+
+def _curves(results: Results, dataset: dict[str, Any], methods: list[dict[str, Any]], counts: str) -> Any:
+    from matplotlib.figure import Figure
+
+    if not dataset["parameter"]:
+        return None
+    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, metric in zip(panels, ("rep", "ms"), strict=True):
+        for i, method in enumerate(methods):
+            pairs = results.of(dataset["name"], method["name"], counts)
+            values = sorted({p.parameter for p in pairs if p.parameter is not None})
+            points = [summarize([p for p in pairs if p.parameter == v], metric) for v in values]
+            known = [(v, 100 * p.mean) for v, p in zip(values, points, strict=True) if p is not None]
+            if known:
+                axes.plot(*zip(*known, strict=True), marker=_marker(i), label=method["name"])
+        axes.set_xlabel(dataset["parameter"])
+        axes.set_title(metric, fontsize=9)
+        axes.set_ylim(0, 100)
+        _plain(axes)
+    panels[0].set_ylabel("%")
+    panels[0].legend(frameon=False, fontsize=8)
+    figure.suptitle(_title(dataset, counts), fontsize=9)
+    return figure
+
+
+def _mma(results: Results, dataset: dict[str, Any], methods: list[dict[str, Any]], counts: str) -> Any:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.0, 3.8), layout="constrained")
+    axes = figure.subplots()
+    for i, method in enumerate(methods):
+        pairs = results.of(dataset["name"], method["name"], counts)
+        points = [summarize(pairs, f"mma@{t}") for t in MMA_THRESHOLDS]
+        shown = [100 * p.mean for p in points if p is not None]
+        if shown:
+            axes.plot(MMA_THRESHOLDS, shown, marker=_marker(i), label=method["name"])
+    if not axes.lines:
+        return None
+    axes.set_xlabel("threshold (px)")
+    axes.set_ylabel("mean matching accuracy (%)")
+    axes.set_ylim(0, 100)
+    axes.set_title(_title(dataset, counts), fontsize=9)
+    axes.legend(frameon=False, fontsize=8, loc="lower right")
+    _plain(axes)
+    return figure
+
+
+def _errors(values: list[Estimate]) -> Any:
+    if any(np.isnan(v.low) for v in values):
+        return None
+    return 100 * np.array([[v.mean - v.low for v in values], [v.high - v.mean for v in values]])
+
+
+def _title(dataset: dict[str, Any], counts: str, extra: str = "") -> str:
+    label = {"own": "each method's own keypoints", "equal": "equal counts"}[counts]
+    return ", ".join(filter(None, [dataset["name"], label, extra]))
+
+
+def _marker(index: int) -> str:
+    return "osD^vPX*<>"[index % 10]
+
+
+def _plain(axes: Any) -> None:
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(axis="y", alpha=0.3)
+    axes.set_axisbelow(True)

@@ -1,0 +1,45 @@
+"""From pairs to figures: averaged per scene, then over scenes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from elf_eval.metrics import Estimate, bootstrap_mean
+from elf_eval.results import PairResult
+
+
+@dataclass(frozen=True)
+class Keypoints:
+    """Number of keypoints over the images: mean and least."""
+
+    mean: float
+    least: int
+
+
+def scene_means(pairs: Iterable[PairResult], metric: str) -> dict[str, float]:
+    """Mean of a metric per scene, over the pairs that have it."""
+    values: dict[str, list[float]] = {}
+    for pair in pairs:
+        value = pair.metrics.get(metric)
+        if value is not None:
+            values.setdefault(pair.scene, []).append(value)
+    return {scene: sum(v) / len(v) for scene, v in values.items()}
+
+
+def summarize(pairs: Sequence[PairResult], metric: str) -> Estimate | None:
+    """Mean over scenes with its interval; None where no pair has the metric."""
+    means = scene_means(pairs, metric)
+    return bootstrap_mean(list(means.values())) if means else None
+
+
+def keypoints(pairs: Sequence[PairResult]) -> Keypoints:
+    """Over all images of the pairs, each counted once."""
+    counts = {p.first: p.metrics["n1"] for p in pairs} | {p.second: p.metrics["n2"] for p in pairs}
+    numbers = [n for n in counts.values() if n is not None]
+    return Keypoints(sum(numbers) / len(numbers), int(min(numbers)))
+
+
+def metrics_in(pairs: Iterable[PairResult]) -> list[str]:
+    """Names of all metrics, in the order of their first appearance."""
+    return list(dict.fromkeys(name for pair in pairs for name in pair.metrics))

@@ -1,0 +1,106 @@
+"""How methods and datasets are written on a command line: ``kind:argument?option=value&option=value``."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+from .errors import EvalError
+
+T = TypeVar("T")
+
+
+@dataclass
+class Spec:
+    """A parsed text such as ``elf:vgg.onnx?preset=paper``.
+
+    Attributes
+    ----------
+    text : str
+        As written.
+    kind, argument : str
+        Before and after the first colon; the argument may be empty.
+    options : dict of str
+        What is left to take: `finish` complains about the rest, so that no setting is dropped in silence.
+    """
+
+    text: str
+    kind: str
+    argument: str
+    options: dict[str, str]
+    known: list[str] = field(default_factory=list)
+
+    @classmethod
+    def parse(cls, text: str) -> Spec:
+        """Raises EvalError where an option is not ``name=value``."""
+        head, _, tail = text.partition("?")
+        kind, _, argument = head.partition(":")
+        options: dict[str, str] = {}
+        for item in filter(None, tail.split("&")):
+            name, equals, value = item.partition("=")
+            if not equals:
+                raise EvalError(f"{text}: option {item!r} is not name=value")
+            options[name] = value
+        return cls(text, kind, argument, options)
+
+    def take(self, name: str, convert: Callable[[str], T], default: T) -> T:
+        """The option's value, converted.
+
+        Raises
+        ------
+        EvalError
+            Naming the text, the option and the value, where it can't be converted.
+        """
+        self.known.append(name)
+        if name not in self.options:
+            return default
+        value = self.options.pop(name)
+        try:
+            return convert(value)
+        except (ValueError, TypeError) as error:
+            raise EvalError(f"{self.text}: option {name}={value}: {error}") from error
+
+    def finish(self) -> None:
+        """Raises EvalError where an option was not taken by anyone."""
+        if self.options:
+            raise EvalError(
+                f"{self.text}: unknown options {sorted(self.options)}; known are {sorted(self.known)}"
+            )
+
+    def file(self, what: str) -> Path:
+        """The argument as the path of an existing file."""
+        path = Path(self.argument).expanduser()
+        if not self.argument or not path.is_file():
+            raise EvalError(f"{self.text}: {what}: no such file: {self.argument or '(none given)'}")
+        return path
+
+    def folder(self) -> Path:
+        """The argument as the path of an existing folder."""
+        path = Path(self.argument).expanduser()
+        if not self.argument or not path.is_dir():
+            raise EvalError(f"{self.text}: no such folder: {self.argument or '(none given)'}")
+        return path
+
+
+def names(text: str) -> list[str]:
+    """``a,b`` -> ["a", "b"]; none in an empty text."""
+    return [name for name in text.split(",") if name]
+
+
+def boolean(text: str) -> bool:
+    """``true`` or ``false``; a ValueError on anything else."""
+    if text not in ("true", "false"):
+        raise ValueError("expected true or false")
+    return text == "true"
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file's bytes."""
+    sha = hashlib.sha256()
+    with open(path, "rb") as file:
+        while block := file.read(1 << 20):
+            sha.update(block)
+    return sha.hexdigest()

@@ -1,0 +1,193 @@
+"""What to run: methods, datasets, protocol, and the tables and pictures to make of it; from TOML."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+from .errors import EvalError
+from .protocol import Protocol
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class MethodEntry:
+    """A method under the name that the tables use.
+
+    Attributes
+    ----------
+    name : str
+    detector : str
+    descriptor : str, optional
+        The detector's own where absent.
+    paper : str, optional
+        The row of the paper's tables that belongs beside it.
+    optional : bool
+        Leave it out, with a line in the report that says why, where it can't be opened.
+    """
+
+    name: str
+    detector: str
+    descriptor: str | None = None
+    paper: str | None = None
+    optional: bool = False
+
+
+@dataclass(frozen=True)
+class DatasetEntry:
+    """A dataset under the name that the tables use."""
+
+    name: str
+    spec: str
+
+
+@dataclass(frozen=True)
+class TableEntry:
+    """A table and its plot; an empty list is all.
+
+    Attributes
+    ----------
+    plot : "bars", "curves" (over the pairs' parameter) or "mma"
+    note : str
+        A paragraph above the table.
+    """
+
+    title: str
+    datasets: list[str] = field(default_factory=list)
+    methods: list[str] = field(default_factory=list)
+    plot: str = "bars"
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        if self.plot not in ("bars", "curves", "mma"):
+            raise EvalError(f"table {self.title!r}: plot is 'bars', 'curves' or 'mma', not {self.plot!r}")
+
+
+@dataclass(frozen=True)
+class PictureEntry:
+    """A match picture: ``pair`` is "v_graf/1.png - v_graf/3.png"; an empty list of methods is all."""
+
+    dataset: str
+    pair: str
+    methods: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Suite:
+    """Everything that one run does.
+
+    Attributes
+    ----------
+    variables : dict
+        ``${NAME}`` in the methods' and datasets' texts; an environment variable of that name goes before.
+    """
+
+    methods: list[MethodEntry]
+    datasets: list[DatasetEntry]
+    title: str = "Evaluation"
+    note: str = ""
+    protocol: Protocol = field(default_factory=Protocol)
+    tables: list[TableEntry] = field(default_factory=list)
+    pictures: list[PictureEntry] = field(default_factory=list)
+    variables: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.methods or not self.datasets:
+            raise EvalError("a run needs at least one method and one dataset")
+        methods = _unique([m.name for m in self.methods], "method")
+        datasets = _unique([d.name for d in self.datasets], "dataset")
+        for table in self.tables:
+            _known(table.methods, methods, f"table {table.title!r}: method")
+            _known(table.datasets, datasets, f"table {table.title!r}: dataset")
+        for picture in self.pictures:
+            _known([picture.dataset], datasets, f"picture {picture.pair!r}: dataset")
+            _known(picture.methods, methods, f"picture {picture.pair!r}: method")
+
+    def expand(self, text: str) -> str:
+        """`text` with its ``${NAME}`` replaced.
+
+        Raises
+        ------
+        EvalError
+            On a name that is neither in the environment nor among the variables.
+        """
+
+        def value(match: re.Match[str]) -> str:
+            name = match[1]
+            if name in os.environ:
+                return os.environ[name]
+            if name not in self.variables:
+                raise EvalError(f"{text}: no variable {name}; set it in the environment or under [variables]")
+            return self.variables[name]
+
+        return re.sub(r"\$\{(\w+)\}", value, text)
+
+    def unexpand(self, text: str) -> str:
+        """`text` with the variables' values named again: a report should not depend on where files lie."""
+        for name in self.variables:
+            text = text.replace(self.expand("${" + name + "}"), "${" + name + "}")
+        return text
+
+    @classmethod
+    def load(cls, path: Path) -> Suite:
+        """From a TOML file: ``[protocol]``, ``[variables]``, ``[[method]]``, ``[[dataset]]``, ``[[table]]``,
+        ``[[picture]]``, ``title`` and ``note``.
+
+        Raises
+        ------
+        EvalError
+            Naming the file and the entry.
+        """
+        try:
+            with open(path, "rb") as file:
+                data = tomllib.load(file)
+        except (OSError, tomllib.TOMLDecodeError) as error:
+            raise EvalError(f"{path}: {error}") from error
+        known = {"title", "note", "protocol", "variables", "method", "dataset", "table", "picture"}
+        if unknown := set(data) - known:
+            raise EvalError(f"{path}: unknown {sorted(unknown)}; known are {sorted(known)}")
+        try:
+            return cls(
+                methods=[_entry(MethodEntry, d, "method") for d in data.get("method", [])],
+                datasets=[_entry(DatasetEntry, d, "dataset") for d in data.get("dataset", [])],
+                title=data.get("title", "Evaluation"),
+                note=data.get("note", ""),
+                protocol=Protocol.from_dict(data.get("protocol", {})),
+                tables=[_entry(TableEntry, d, "table") for d in data.get("table", [])],
+                pictures=[_entry(PictureEntry, d, "picture") for d in data.get("picture", [])],
+                variables=data.get("variables", {}),
+            )
+        except EvalError as error:
+            raise EvalError(f"{path}: {error}") from error
+
+
+def _entry(kind: type[T], data: Mapping[str, Any], what: str) -> T:
+    known = [f.name for f in fields(kind)]  # type: ignore[arg-type]
+    if unknown := set(data) - set(known):
+        raise EvalError(f"{what} {dict(data)}: unknown {sorted(unknown)}; known are {known}")
+    try:
+        return kind(**data)
+    except TypeError as error:
+        raise EvalError(f"{what} {dict(data)}: {error}") from error
+
+
+def _unique(names: list[str], what: str) -> set[str]:
+    if doubles := {n for n in names if names.count(n) > 1}:
+        raise EvalError(f"two {what}s of the same name: {sorted(doubles)}")
+    return set(names)
+
+
+def _known(names: list[str], known: set[str], what: str) -> None:
+    if unknown := [n for n in names if n not in known]:
+        raise EvalError(f"{what} {unknown} is not in the suite; there are {sorted(known)}")

@@ -1,0 +1,158 @@
+"""Search over models (layers) and settings: chosen on some scenes, reported on the others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from .datasets import open_dataset
+from .errors import EvalError
+from .metrics import Estimate, paired_difference
+from .metrics.statistics import Difference
+from .protocol import Protocol
+from .report.summary import Keypoints, keypoints, scene_means, summarize
+from .results import Results
+from .runner import Resources, run
+from .settings import CONVERTERS
+from .suite import DatasetEntry, MethodEntry, Suite
+
+_DATASET = "sweep"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One setting: its metric on the scenes where it was chosen and on those where it was not.
+
+    Attributes
+    ----------
+    text : str
+        The method, as ``elf:vgg.onnx?denoise=5,2``.
+    tuned : Estimate
+    held_out : Estimate
+    gain : Difference
+        On the held-out scenes, against the first model with its own settings.
+    count : Keypoints
+        On the held-out scenes.
+    """
+
+    text: str
+    tuned: Estimate
+    held_out: Estimate
+    gain: Difference
+    count: Keypoints
+
+
+def parse_grid(items: list[str]) -> dict[str, list[str]]:
+    """``["scale=1/0.5", "denoise=5,5/5,2"]`` -> the values of each setting.
+
+    Raises
+    ------
+    EvalError
+        On an unknown setting, a value that it can't take, or none.
+    """
+    grid: dict[str, list[str]] = {}
+    for item in items:
+        name, _, values = item.partition("=")
+        if name not in CONVERTERS:
+            raise EvalError(f"grid {item!r}: unknown setting {name!r}; known are {sorted(CONVERTERS)}")
+        grid[name] = values.split("/")
+        try:
+            list(map(CONVERTERS[name], grid[name]))
+        except ValueError as error:
+            raise EvalError(f"grid {item!r}: {error}") from error
+    return grid
+
+
+def trials(models: list[str], grid: dict[str, list[str]], limit: int | None, seed: int) -> list[str]:
+    """Every model with every combination; `limit` of them, drawn by `seed`, where there are more.
+
+    The first is always the first model as it is.
+    """
+    texts = [models[0]]
+    for model in models:
+        for values in product(*grid.values()):
+            options = "&".join(f"{name}={value}" for name, value in zip(grid, values, strict=True))
+            texts.append(model + ("&" if "?" in model else "?") + options if options else model)
+    unique = list(dict.fromkeys(texts))
+    if limit is None or limit >= len(unique):
+        return unique
+    drawn = np.random.default_rng(seed).choice(len(unique) - 1, limit - 1, replace=False) + 1
+    return [unique[0], *(unique[i] for i in sorted(drawn))]
+
+
+def split(scenes: list[str], tune: list[str] | None) -> tuple[list[str], list[str]]:
+    """The scenes to choose on, and the others; by default every second one, so that both parts are mixed.
+
+    Raises
+    ------
+    EvalError
+        If a part is empty or a scene unknown.
+    """
+    chosen = scenes[::2] if tune is None else tune
+    if unknown := set(chosen) - set(scenes):
+        raise EvalError(f"no scenes {sorted(unknown)}; there are {scenes}")
+    rest = [scene for scene in scenes if scene not in chosen]
+    if not chosen or not rest:
+        raise EvalError(f"a sweep needs scenes on both sides: {chosen} to choose on, {rest} to report on")
+    return chosen, rest
+
+
+def sweep(
+    texts: list[str],
+    dataset: str,
+    metric: str,
+    top: int,
+    protocol: Protocol,
+    resources: Resources,
+    tune: list[str] | None = None,
+) -> list[Trial]:
+    """Rank `texts` by `metric` on one part of the scenes; the `top` and the first on the other part.
+
+    Returns
+    -------
+    list of Trial, the best first by the scenes where they were chosen; the reference is the last
+
+    Raises
+    ------
+    EvalError
+        If the dataset or the methods don't give the metric.
+    """
+    chosen, rest = split(open_dataset(dataset).scenes(), tune)
+    tuned = _run(texts, dataset, protocol, resources, chosen)
+    scores = {text: summarize(tuned.of(_DATASET, text, "own"), metric) for text in texts}
+    known = {text: score for text, score in scores.items() if score is not None}
+    if not known:
+        raise EvalError(f"no pair of {dataset} has the metric {metric!r}")
+    best = sorted((text for text in known if text != texts[0]), key=lambda text: -known[text].mean)
+    final = [*best[:top], texts[0]]
+    reported = _run(final, dataset, protocol, resources, rest)
+    reference = scene_means(reported.of(_DATASET, texts[0], "own"), metric)
+    found = []
+    for text in final:
+        pairs = reported.of(_DATASET, text, "own")
+        held_out = summarize(pairs, metric)
+        if held_out is None:
+            raise EvalError(f"no held-out pair of {dataset} has the metric {metric!r}")
+        gain = paired_difference(reference, scene_means(pairs, metric))
+        found.append(Trial(text, known[text], held_out, gain, keypoints(pairs)))
+    return found
+
+
+def _run(
+    texts: list[str], dataset: str, protocol: Protocol, resources: Resources, scenes: list[str]
+) -> Results:
+    methods = [MethodEntry(text, text) for text in texts]
+    return run(Suite(methods, [DatasetEntry(_DATASET, dataset)], protocol=protocol), resources, scenes=scenes)
+
+
+def table(found: list[Trial], metric: str) -> str:
+    """Plain text, shares in percent."""
+    lines = [f"{metric:>7} chosen  held out [95 %]        gain [95 %]             keypoints  method"]
+    for t in found:
+        held = f"{100 * t.held_out.mean:5.1f} [{100 * t.held_out.low:.0f}, {100 * t.held_out.high:.0f}]"
+        gain = f"{100 * t.gain.mean:+5.1f} [{100 * t.gain.low:+.1f}, {100 * t.gain.high:+.1f}]"
+        count = f"{t.count.mean:.0f} ({t.count.least})"
+        lines.append(f"{100 * t.tuned.mean:14.1f}  {held:22}  {gain:22}  {count:9}  {t.text}")
+    return "\n".join(lines)

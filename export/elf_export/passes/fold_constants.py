@@ -1,0 +1,65 @@
+"""Replace what is computed from constants alone by its value."""
+
+from __future__ import annotations
+
+import numpy as np
+import onnx
+from onnx import helper
+from onnx.reference import ReferenceEvaluator
+
+from elf_export.graph import Array, Graph
+
+from .cut import cut
+
+MOST_ELEMENTS = 1 << 20  # of a result: a large constant that is computed from small ones stays computed
+RANDOM = frozenset({"Bernoulli", "Multinomial"})
+
+
+def fold_constants(model: onnx.ModelProto) -> onnx.ModelProto:
+    """A copy of `model` in which integers that are computed from constants alone are initializers.
+
+    Exporters write the pads of a Pad or the bounds of a Slice as chains of ConstantOfShape, Concat, Reshape
+    and Cast; a rule that needs the numbers finds them after this pass.  Only integers and booleans are
+    folded, which no rounding can change.
+    """
+    graph = Graph(model)
+    known: dict[str, Array] = {}
+    folded: list[onnx.NodeProto] = []
+    for node in graph.nodes:
+        values = {n: known[n] if n in known else graph.constant(n) for n in node.input if n}
+        if (
+            not values
+            or any(v is None for v in values.values())
+            or len(node.output) != 1
+            or node.op_type in RANDOM
+        ):
+            continue
+        result = _evaluate(node, {n: v for n, v in values.items() if v is not None}, graph.opset)
+        if result is None or result.dtype.kind not in "iub" or result.size > MOST_ELEMENTS:
+            continue
+        known[node.output[0]] = result
+        folded.append(node)
+    for node in folded:
+        graph.model.graph.node.remove(node)
+        tensor = graph.model.graph.initializer.add()
+        tensor.CopyFrom(onnx.numpy_helper.from_array(known[node.output[0]], node.output[0]))
+    return cut(graph.model, [value.name for value in graph.model.graph.output])
+
+
+def _evaluate(node: onnx.NodeProto, values: dict[str, Array], opset: int) -> Array | None:
+    """The output of a standard node, None if it has a body, or if nobody here can run it."""
+    if node.domain not in ("", "ai.onnx") or any(a.HasField("g") for a in node.attribute):
+        return None
+    inputs = [
+        helper.make_tensor_value_info(name, helper.np_dtype_to_tensor_dtype(value.dtype), value.shape)
+        for name, value in values.items()
+    ]
+    output = helper.make_tensor_value_info(node.output[0], onnx.TensorProto.UNDEFINED, None)
+    graph = helper.make_graph([node], "fold", inputs, [output])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)])
+    try:
+        result = ReferenceEvaluator(model).run(None, values)
+    except Exception:  # any failure of the evaluator leaves the node as it is
+        return None
+    first = result[0] if isinstance(result, list) else None
+    return first if isinstance(first, np.ndarray) else None

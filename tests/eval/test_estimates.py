@@ -1,0 +1,79 @@
+"""Homography and relative pose from matches: exact matches, outliers, too few, repeatable bits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elf_eval.geometry import warp
+from elf_eval.metrics import corner_error, estimate_homography, estimate_pose, pose_error
+from elf_eval.protocol import Ransac
+
+SIZE = (640, 480)
+H = np.array([[0.9, 0.1, 30.0], [-0.08, 1.05, 12.0], [1e-4, -5e-5, 1.0]])
+K = np.array([[600.0, 0, 320], [0, 500.0, 240], [0, 0, 1]])
+
+
+def rotation(degrees):
+    a = np.radians(degrees)
+    return np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
+
+
+@pytest.fixture
+def plane(rng):
+    p1 = rng.uniform(0, SIZE, (120, 2))
+    p2 = warp(H, p1)
+    p2[:40] = rng.uniform(0, SIZE, (40, 2))
+    return p1, p2
+
+
+@pytest.mark.parametrize("estimator", ["RANSAC", "USAC_MAGSAC"])
+def test_homography_with_a_third_outliers(plane, estimator):
+    matrix, inliers = estimate_homography(*plane, Ransac(estimator))
+    assert corner_error(matrix, H, SIZE) < 0.01
+    assert inliers[40:].all()
+    assert inliers[:40].sum() <= 1
+    again, _ = estimate_homography(*plane, Ransac(estimator))
+    assert np.array_equal(matrix, again)
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_too_few_matches_are_an_infinite_error(plane, count):
+    matrix, inliers = estimate_homography(plane[0][:count], plane[1][:count], Ransac())
+    assert matrix is None
+    assert len(inliers) == count
+    assert corner_error(matrix, H, SIZE) == np.inf
+
+
+def test_corner_error_is_a_mean_in_pixels():
+    shift = np.array([[1.0, 0, 3], [0, 1, 4], [0, 0, 1]])
+    assert corner_error(shift @ H, H, SIZE) == pytest.approx(5.0, abs=1e-9)
+
+
+def two_views(rng, turn, translation):
+    """Pixels of a cloud of points in both cameras."""
+    world = rng.uniform([-3, -2, 6], [3, 2, 12], (150, 3))
+    there = world @ rotation(turn).T + translation
+    return warp(K, world[:, :2] / world[:, 2:]), warp(K, there[:, :2] / there[:, 2:])
+
+
+def test_pose_with_outliers(rng):
+    translation = np.array([1.0, 0.1, -0.2])
+    p1, p2 = two_views(rng, 8.0, translation)
+    p2[:30] = rng.uniform(0, SIZE, (30, 2))
+    pose, inliers = estimate_pose(p1, p2, K, K, Ransac("RANSAC", 1.0, 1000, 0.9999))
+    assert pose_error(pose, rotation(8.0), translation) < 0.5
+    assert inliers[30:].mean() > 0.95
+
+
+def test_pose_error_is_the_larger_angle_and_has_no_sign():
+    t = np.array([1.0, 0, 0])
+    assert pose_error((rotation(3.0), -t), rotation(0.0), t) == pytest.approx(3.0)
+    tilted = np.array([np.cos(np.radians(7)), np.sin(np.radians(7)), 0])
+    assert pose_error((rotation(3.0), tilted), rotation(0.0), t) == pytest.approx(7.0)
+    assert pose_error((rotation(3.0), t), rotation(0.0), np.zeros(3)) == pytest.approx(3.0)
+    assert pose_error(None, rotation(0.0), t) == np.inf
+
+
+def test_too_few_matches_have_no_pose():
+    assert estimate_pose(np.zeros((4, 2)), np.zeros((4, 2)), K, K, Ransac())[0] is None
