@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -22,6 +23,7 @@ from .image import Array, ImageLike
 from .nms import greedy_nms
 from .params import DetectionParams, preset
 from .session import Provider, bundled_model, open_session
+from .subgraph import with_outputs
 from .threshold import blurred, passing
 
 
@@ -74,9 +76,17 @@ class ElfRuntime:
     ProviderError
         See `fallback`.
 
+    Attributes
+    ----------
+    contract : ModelContract
+        What the model file says of itself.
+    providers : list of str
+        Names of the active execution providers, the preferred one first.
+
     Notes
     -----
-    An instance is safe to use from several threads at once; no call changes it.
+    An instance is safe to use from several threads at once.  `detect` runs the whole graph; the first call of
+    `saliency` or `describe` opens a second session of that part of the graph alone.
     """
 
     def __init__(
@@ -88,24 +98,23 @@ class ElfRuntime:
         spin: bool = False,
         fallback: bool = False,
     ) -> None:
-        source = bundled_model() if model is None else model
-        self._session, self._name = open_session(source, providers, threads, spin, fallback)
-        metadata = self._session.get_modelmeta().custom_metadata_map
+        self._source = bundled_model() if model is None else model
+        self._options: dict[str, Any] = {
+            "providers": providers, "threads": threads, "spin": spin, "fallback": fallback
+        }  # fmt: skip
+        session, self._name = open_session(self._source, **self._options)
+        metadata = session.get_modelmeta().custom_metadata_map
         self.contract = ModelContract.from_metadata(metadata, self._name)
-        self.contract.check_tensors(self._session.get_inputs(), self._session.get_outputs(), self._name)
-        # Without this onnxruntime computes every output of the graph, asked for or not.
-        self._only_wanted = ort.RunOptions()
-        self._only_wanted.only_execute_path_to_fetches = True
+        self.contract.check_tensors(session.get_inputs(), session.get_outputs(), self._name)
+        self.providers = list(session.get_providers())
+        # onnxruntime computes every output of a graph, asked for or not: one session for each set of outputs.
+        self._sessions = {frozenset(tensor.name for tensor in session.get_outputs()): session}
+        self._opening = threading.Lock()
 
     def __repr__(self) -> str:
         c = self.contract
         layers = ",".join(d.layer for d in c.descriptors) or "none"
         return f"ElfRuntime({self._name!r}: {c.network} {c.layer}, descriptors {layers}, {self.providers[0]})"
-
-    @property
-    def providers(self) -> list[str]:
-        """Names of the active execution providers, the preferred one first."""
-        return list(self._session.get_providers())
 
     def detect(
         self,
@@ -324,12 +333,21 @@ class ElfRuntime:
     ) -> tuple[Array, Mapping[str, Array]]:
         names = ([self.contract.saliency_output] if saliency else []) + [spec.output for spec in specs]
         try:
-            values = self._session.run(names, {self.contract.input.name: pixels}, self._only_wanted)
+            values = self._session_for(names).run(names, {self.contract.input.name: pixels})
         except Exception as error:  # onnxruntime's own exceptions share no base of theirs
             reason = str(error).strip().splitlines()[0][:300]
             raise ElfError(f"{self._name}: the network failed on a {pixels.shape} input: {reason}") from error
         by_name = dict(zip(names, values, strict=True))
         return by_name.get(self.contract.saliency_output, np.zeros((len(pixels), 0, 0), np.float32)), by_name
+
+    def _session_for(self, outputs: Sequence[str]) -> ort.InferenceSession:
+        """A session that computes these outputs and no other; opened at its first use."""
+        key = frozenset(outputs)
+        with self._opening:
+            if key not in self._sessions:
+                part = with_outputs(self._source, outputs)
+                self._sessions[key] = open_session(part, **self._options)[0]
+            return self._sessions[key]
 
     def _finish(
         self,
