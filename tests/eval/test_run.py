@@ -263,6 +263,8 @@ def test_compare_two_runs_and_two_methods(hpatches_folder, tmp_path, capsys):
     assert "orb - sift" in capsys.readouterr().out
     assert main(["compare", a, b, "--method-a", "sift", "--method-b", "none"]) == 1
     assert "nothing to compare" in capsys.readouterr().err
+    assert main(["compare", a, a, "--metrics", "h_error"]) == 1
+    assert "can't be averaged" in capsys.readouterr().err
 
 
 def test_detector_and_descriptor_apart_on_the_command_line(hpatches_folder, tmp_path):
