@@ -56,7 +56,10 @@ class Composed(Method):
         self.cacheable = detector.cacheable and descriptor.cacheable
 
     def extract(self, image: Image, limit: int) -> LocalFeatures:
-        return self.descriptor.describe(image, self.detector.extract(image, limit))
+        return self.describe(image, self.detector.extract(image, limit))
+
+    def describe(self, image: Image, features: LocalFeatures) -> LocalFeatures:
+        return self.descriptor.describe(image, features)
 
 
 def code_digest(*files: str | Path) -> str:
