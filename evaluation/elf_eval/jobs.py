@@ -17,7 +17,7 @@ from .datasets import Pair
 from .errors import EvalError
 from .images import ImageRef
 from .methods import Method, open_methods
-from .pair_metrics import pair_metrics
+from .pair_metrics import Record, pair_metrics
 from .protocol import Protocol
 from .results import rounded
 
@@ -74,7 +74,7 @@ def run_extract(job: ExtractJob) -> ExtractDone:
     return ExtractDone(path, found.digest(), len(found.features), found.seconds)
 
 
-def run_pair(job: PairJob) -> dict[str, float | None]:
+def run_pair(job: PairJob) -> Record:
     """The pair's metrics, from the cached features alone."""
     first, second = (_limited(p, n) for p, n in zip((job.first, job.second), job.limits, strict=True))
     try:
