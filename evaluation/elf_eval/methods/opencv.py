@@ -109,7 +109,7 @@ class OpenCv(Method):
 
 
 def installed(kind: str) -> bool:
-    """Whether the installed OpenCV has this method and was built to run it: SURF may be there by name only."""
+    """Whether the installed OpenCV has this method, and not by name only, as SURF in most builds."""
     factory = _find(OPENCV[kind][0])
     if factory is None or kind in _NETWORKS:
         return factory is not None
