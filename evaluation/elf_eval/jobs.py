@@ -12,6 +12,8 @@ from typing import TypeVar
 
 import cv2
 
+from elf_runtime import ElfError
+
 from .cache import Extracted, FeatureCache, load
 from .datasets import Pair
 from .errors import EvalError
@@ -69,7 +71,7 @@ def run_extract(job: ExtractJob) -> ExtractDone:
         _open[key] = open_methods(*key)
     try:
         path, found = FeatureCache(job.cache).get(_open[key], job.ref, job.protocol)
-    except EvalError as error:
+    except (EvalError, ElfError) as error:
         raise EvalError(f"{job.ref.name}: {error}") from error
     return ExtractDone(path, found.digest(), len(found.features), found.seconds)
 

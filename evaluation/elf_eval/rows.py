@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from . import metrics, pair_metrics, truth
+from . import geometry, metrics, pair_metrics, truth
 from .datasets import Dataset, Pair
 from .images import ImageRef
 from .jobs import ExtractDone, PairJob
@@ -31,7 +31,8 @@ class Row:
 
 def rows(protocol: Protocol, dataset: Dataset, methods: list[str], features: Features) -> Iterator[Row]:
     """One for each pair, way of counting and method, in that order."""
-    code = code_digest(pair_metrics.__file__, truth.__file__, *Path(metrics.__path__[0]).glob("*.py"))
+    files = [module.__file__ or "" for module in (geometry, pair_metrics, truth)]
+    code = code_digest(*files, *Path(metrics.__path__[0]).glob("*.py"))
     settings = json.dumps([protocol.to_dict() | {"counts": None}, code])
     for pair in dataset.pairs:
         images = (pair.first, pair.second)

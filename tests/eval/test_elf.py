@@ -6,12 +6,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from elf_eval.errors import EvalError
 from elf_eval.images import ImageRef
+from elf_eval.jobs import ExtractJob, run_extract
 from elf_eval.methods import open_method, open_methods
+from elf_eval.protocol import Protocol
 from elf_runtime import ElfRuntime
 
 _ROOT = Path(__file__).parents[2]
@@ -73,3 +76,11 @@ def test_the_evaluation_needs_neither_torch_nor_onnx():
     )
     paths = ":".join(str(_ROOT / part) for part in ("runtime", "evaluation"))
     subprocess.run([sys.executable, "-c", code], env={"PYTHONPATH": paths}, check=True)
+
+
+def test_an_image_that_the_model_refuses_is_named(model, tmp_path):
+    cv2.imwrite(str(tmp_path / "small.png"), np.zeros((16, 16, 3), np.uint8))
+    ref = ImageRef("small", tmp_path / "small.png")
+    job = ExtractJob(f"elf:{model}", None, 1, ref, Protocol(size=None), tmp_path)
+    with pytest.raises(EvalError, match="small: the image has 16x16 pixels"):
+        run_extract(job)
