@@ -37,8 +37,8 @@ class DetectionParams:
     quantize : bool
         Round the normalised saliency to 8 bits before the blurs, as the paper does.
     normalize : float
-        The saliency is divided by this quantile of itself and clipped to 1 (1.0 = by its maximum, as the paper
-        does; 0.99 keeps one outlier from squashing the histogram that the threshold is chosen from).
+        The level is chosen from the saliency divided by this quantile of itself and cut off at 1: 1.0 divides by
+        the maximum, as the paper does; 0.95 keeps one outlier from squashing the histogram.
     """
 
     denoise: Blur = (5, 5.0)
