@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import onnxruntime as ort
@@ -255,7 +256,7 @@ class ElfRuntime:
         found: Array = self._run(work.pixels[None], [])[0][0]
         if found.shape != work.size:
             height, width = work.size
-            found = np.asarray(images.cv2.resize(found, (width, height), interpolation=images.cv2.INTER_LINEAR))
+            found = np.asarray(cv2.resize(found, (width, height), interpolation=cv2.INTER_LINEAR))
         return found
 
     def describe(

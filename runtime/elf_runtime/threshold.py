@@ -68,12 +68,12 @@ def normalized(saliency: Array, params: DetectionParams) -> Array:
     if params.normalize < 1.0 and top > 0.0:
         top = quantile(saliency, params.normalize, top)
     if not top > 0.0:
-        return np.zeros(saliency.shape, np.uint8 if params.quantize else np.float32)  # type: ignore[return-value]
+        return np.zeros(saliency.shape, np.uint8 if params.quantize else np.float32)
     scaled = saliency * np.float32(255.0 / top)
     if params.normalize < 1.0:
         np.minimum(scaled, 255.0, out=scaled)
     if params.quantize:
-        return scaled.astype(np.uint8)  # type: ignore[return-value]
+        return scaled.astype(np.uint8)
     return scaled
 
 
