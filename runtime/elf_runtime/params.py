@@ -1,7 +1,8 @@
 """Detection settings, and the presets that name the useful ones.
 
 Blurs are ``(mu, sigma)``: a ``mu x mu`` Gaussian window (mu odd) of standard deviation sigma, as in the
-paper's tables.  All lengths are in pixels of the working image: the source image times `scale`.
+paper's tables, in pixels of the working image: the source image times `scale`.  `nms_radius` and `border` are
+in pixels of the source image, whatever the scale; `max_keypoints` counts.
 """
 
 from __future__ import annotations
@@ -27,9 +28,9 @@ class DetectionParams:
     threshold : "kapur", "none" or float
         Kapur's maximum-entropy level, no threshold, or a fixed level as a fraction of the normalised saliency.
     nms_radius : int
-        A keypoint suppresses all weaker ones in the square window of ``2 * nms_radius + 1`` pixels around it.
+        A keypoint suppresses all weaker ones in the square window of ``2 * nms_radius + 1`` source pixels.
     border : int
-        Pixels along each edge where no keypoint is taken.
+        Source pixels along each edge where no keypoint is taken.
     max_keypoints : int
         The strongest that many are kept.
     scale : float
