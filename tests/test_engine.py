@@ -9,7 +9,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from helpers import TINY, textured
 
 from elf_runtime import (
     ContractError,
@@ -21,6 +20,7 @@ from elf_runtime import (
     SettingError,
     match,
 )
+from helpers import TINY, textured
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +110,7 @@ def test_presets_change_the_settings(elf: ElfRuntime, image: np.ndarray) -> None
     assert elf.params("paper", scale=0.5).scale == 0.5
     assert elf.params("paper-robust").threshold_blur == (17, 6.0)
     elf.detect(image, preset="paper")
-    with pytest.raises(SettingError, match="unknown preset 'fastest'.*paper"):
+    with pytest.raises(SettingError, match=r"unknown preset 'fastest'.*paper"):
         elf.detect(image, preset="fastest")
     with pytest.raises(SettingError, match="unknown detection setting 'radius'"):
         elf.detect(image, radius=3)
@@ -183,9 +183,7 @@ def test_threads_share_one_instance(elf: ElfRuntime) -> None:
     wrong: list[int] = []
 
     def work(k: int) -> None:
-        for _ in range(5):
-            if not same(elf.detect(images[k]), wanted[k]):
-                wrong.append(k)
+        wrong.extend(k for _ in range(5) if not same(elf.detect(images[k]), wanted[k]))
 
     workers = [threading.Thread(target=work, args=(k,)) for k in range(4)]
     for w in workers:

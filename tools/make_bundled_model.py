@@ -19,8 +19,9 @@ from elf_runtime.session import bundled_model
 # keypoints, in a steadier number, that match better than with the paper's settings, at a seventh of the arithmetic
 # (models/README.md has the figures).
 DETECTION = DetectionParams(
-    denoise=(5, 1.2), threshold_blur=(5, 4.0), threshold="kapur", normalize=0.95, nms_radius=8, border=10, scale=0.5
-)
+    denoise=(5, 1.2), threshold_blur=(5, 4.0), threshold="kapur", normalize=0.95, nms_radius=8, border=10,
+    scale=0.5, subpixel=True,
+)  # fmt: skip
 
 
 def main() -> int:

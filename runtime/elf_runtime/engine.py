@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import onnxruntime as ort
@@ -22,6 +23,7 @@ from .features import Features
 from .image import Array, ImageLike
 from .nms import greedy_nms
 from .params import DetectionParams, preset
+from .refine import parabola_peaks
 from .session import Provider, bundled_model, open_session
 from .subgraph import with_outputs
 from .threshold import blurred, passing
@@ -264,7 +266,7 @@ class ElfRuntime:
         found: Array = self._run(work.pixels[None], [])[0][0]
         if found.shape != work.size:
             height, width = work.size
-            found = np.asarray(images.cv2.resize(found, (width, height), interpolation=images.cv2.INTER_LINEAR))
+            found = np.asarray(cv2.resize(found, (width, height), interpolation=cv2.INTER_LINEAR))
         return found
 
     def describe(
@@ -379,7 +381,7 @@ class ElfRuntime:
                 scores, candidates, _length(params.nms_radius, work.scale), params.max_keypoints
             )
         with watch("descriptors"):
-            points = found.astype(np.float32)
+            points = parabola_peaks(scores, found) if params.subpixel else found.astype(np.float32)
             descriptors = np.zeros((len(points), dim), np.float32)
             if spec is not None and len(points):
                 descriptors = sample(maps[spec.output][index], points, spec.stride, spec.offset)

@@ -69,7 +69,7 @@ def normalized(saliency: Array, params: DetectionParams) -> Array:
     if not top > 0.0:
         top = float(saliency.max(initial=0.0))
     scaled = saliency * np.float32(255.0 / top) if top > 0.0 else np.zeros(saliency.shape, np.float32)
-    return np.minimum(scaled, 255.0).astype(np.uint8) if params.quantize else scaled  # type: ignore[return-value]
+    return np.minimum(scaled, 255.0).astype(np.uint8) if params.quantize else scaled
 
 
 def quantile(values: Array, q: float) -> float:
