@@ -23,7 +23,7 @@ class DetectionParams:
     Attributes
     ----------
     denoise, threshold_blur : (mu, sigma)
-        Gaussian blur of the saliency before the maxima are sought, and before the threshold is chosen.
+        Gaussian blur of the saliency before the maxima are sought, and before the level is chosen.
         ``mu = 1`` is no blur.
     threshold : "kapur", "none" or float
         Kapur's maximum-entropy level, no threshold, or a fixed level as a fraction of the normalised saliency.

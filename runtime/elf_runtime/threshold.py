@@ -119,7 +119,10 @@ def blurred(saliency: Array, params: DetectionParams) -> tuple[Array, Array]:
 
 
 def passing(scores: Array, smooth: Array, params: DetectionParams) -> npt.NDArray[np.bool_]:
-    """The pixels of `blurred`'s maps that pass: above Kapur's level, or a fixed fraction of the range.
+    """The pixels whose score reaches the level: Kapur's of `smooth`, or a fixed fraction of the range.
+
+    The level comes from the one blur and is held against the other: the paper chooses it on the map blurred for
+    that and then keeps the maxima of the denoised map above it.
 
     Returns
     -------
@@ -129,10 +132,9 @@ def passing(scores: Array, smooth: Array, params: DetectionParams) -> npt.NDArra
         return scores > 0
     if params.threshold == "kapur":
         # A float map has the same 256 bins as an 8-bit one: [i, i+1), the last one closed.
-        binned = smooth.astype(np.uint8, copy=False)
-        counts = np.bincount(binned.ravel(), minlength=256)
-        mask = binned > kapur(counts)
+        counts = np.bincount(smooth.astype(np.uint8, copy=False).ravel(), minlength=256)
+        level = float(kapur(counts) + 1)  # the lowest value of the bins above; 0 where one bin holds everything
     else:
-        mask = smooth > 255.0 * float(params.threshold)
-    # Under a level of -1 (one occupied bin) everything passes; a zero score is still no keypoint.
-    return mask & (scores > 0)
+        level = 255.0 * float(params.threshold)
+    # A zero score is no keypoint, whatever the level.
+    return (scores >= level) & (scores > 0)
