@@ -193,6 +193,19 @@ def test_threads_share_one_instance(elf: ElfRuntime) -> None:
     assert not wrong
 
 
+def test_a_session_for_each_size_changes_nothing_and_is_bounded(image: np.ndarray) -> None:
+    one, none = ElfRuntime(TINY, threads=1, sizes=2), ElfRuntime(TINY, threads=1, sizes=0)
+    for k in range(5):
+        part = image[: 60 + 10 * k, : 90 + k]
+        assert np.allclose(one.saliency(part), none.saliency(part), rtol=0, atol=1e-4)
+        assert same(one.detect(part, border=4), none.detect(part, border=4), 1e-3)
+        assert len(one._sessions) <= 4  # two sizes for each of two sets of outputs
+        assert len(none._sessions) <= 2
+    for sizes in (-1, True, 1.5):
+        with pytest.raises(SettingError, match="sizes"):
+            ElfRuntime(TINY, sizes=sizes)  # type: ignore[arg-type]
+
+
 def test_warmup_and_trace(elf: ElfRuntime, image: np.ndarray) -> None:
     elf.warmup((64, 48))
     trace = elf.trace(image)
