@@ -6,6 +6,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from .errors import (
     ExportError,
     LayerError,
@@ -14,9 +16,11 @@ from .errors import (
     VerificationError,
     WeightsError,
 )
-from .export import ExportResult, export_network
-from .preprocessing import Preprocessing
-from .saliency import build_saliency
+
+if TYPE_CHECKING:
+    from .export import ExportResult, export_network
+    from .preprocessing import Preprocessing
+    from .saliency import build_saliency
 
 __all__ = [
     "ExportError",
@@ -30,3 +34,19 @@ __all__ = [
     "build_saliency",
     "export_network",
 ]
+
+_HOMES = {
+    "ExportResult": "export",
+    "export_network": "export",
+    "Preprocessing": "preprocessing",
+    "build_saliency": "saliency",
+}
+
+
+def __getattr__(name: str) -> object:
+    """Load what needs the onnx package at its first use, so that the command can say how to install it."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
