@@ -26,13 +26,17 @@ def preprocess(pixels: npt.NDArray[np.floating], settings: Preprocessing) -> npt
     return np.ascontiguousarray(x.transpose(0, 3, 1, 2))
 
 
-def torch_saliency(module: torch.nn.Module, settings: Preprocessing, dtype: str = "float64") -> Reference:
+def torch_saliency(
+    module: torch.nn.Module, settings: Preprocessing, dtype: str = "float64", differentiate: bool = True
+) -> Reference:
     """``f(pixels)``: |gradient of 1/2 ||F||^2 w.r.t. the preprocessed image|, averaged over its channels.
 
     Parameters
     ----------
     module : torch.nn.Module
         Its forward returns the maps of the wanted layers, F first.  It is converted to `dtype` in place.
+    differentiate : bool
+        False: F itself in the gradient's place.
     """
     import torch
 
@@ -42,7 +46,7 @@ def torch_saliency(module: torch.nn.Module, settings: Preprocessing, dtype: str 
     def saliency(pixels: Array) -> npt.NDArray[np.float64]:
         x = torch.from_numpy(preprocess(pixels, settings)).to(kind).requires_grad_(True)
         f = module(x)[0]
-        (gradient,) = torch.autograd.grad(f, x, f.detach())
+        (gradient,) = torch.autograd.grad(f, x, f.detach()) if differentiate else (f.detach(),)
         return np.asarray(gradient.abs().mean(1).double().numpy())
 
     return saliency

@@ -22,6 +22,7 @@ def build_saliency(
     descriptors: Sequence[str] = (),
     image_input: str | None = None,
     preprocessing: Preprocessing | None = None,
+    differentiate: bool = True,
 ) -> onnx.ModelProto:
     """A model whose outputs are S(I) = |F^T dF/dI|, averaged over I's channels, and descriptor maps.
 
@@ -40,6 +41,8 @@ def build_saliency(
         Name of the image input; the only input by default.
     preprocessing : Preprocessing, optional
         Put in front, the input then being ``image``, raw pixels (N, H, W, C); None leaves the model's own input.
+    differentiate : bool
+        False takes F itself for the gradient: a saliency map that the model computes already.
 
     Returns
     -------
@@ -62,7 +65,7 @@ def build_saliency(
     graph = Graph(trunk)
     image = image_input or only_image_input(graph)
 
-    gradient = build_adjoint(graph, layer, image)
+    gradient = build_adjoint(graph, layer, image) if differentiate else layer
     magnitude = graph.op("Abs", gradient, name="saliency/abs")
     reduce_mean(graph, magnitude, 1, "saliency/mean", keepdims=0, output=SALIENCY)
     outputs = [helper.make_tensor_value_info(SALIENCY, TensorProto.FLOAT, ["N", "H", "W"])]
