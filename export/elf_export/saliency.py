@@ -23,6 +23,7 @@ def build_saliency(
     image_input: str | None = None,
     preprocessing: Preprocessing | None = None,
     differentiate: bool = True,
+    color: str | None = None,
 ) -> onnx.ModelProto:
     """A model whose outputs are S(I) = |F^T dF/dI|, averaged over I's channels, and descriptor maps.
 
@@ -43,6 +44,8 @@ def build_saliency(
         Put in front, the input then being ``image``, raw pixels (N, H, W, C); None leaves the model's own input.
     differentiate : bool
         False takes F itself for the gradient: a saliency map that the model computes already.
+    color : "bgr", "rgb" or "gray", optional
+        Colour order of the raw pixels, if it is not that of `preprocessing`.
 
     Returns
     -------
@@ -75,7 +78,7 @@ def build_saliency(
         graph.op("Transpose", name, name=f"descriptors/{name}", outputs=[out], perm=[0, 2, 3, 1])
         outputs.append(helper.make_tensor_value_info(out, TensorProto.FLOAT, ["N", f"h_{name}", f"w_{name}", dims[1]]))
     if preprocessing is not None:
-        prepend(graph, image, preprocessing, IMAGE)
+        prepend(graph, image, preprocessing, IMAGE, color)
     proto = graph.model.graph
     del proto.output[:]
     proto.output.extend(outputs)

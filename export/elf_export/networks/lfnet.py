@@ -71,7 +71,8 @@ def fit(
     for name, shape in shapes.items():
         value = tensors.get(name)
         if value is None:
-            value = _variable(tensors, *name.rsplit(".", 1), shape)
+            part, role = name.rsplit(".", 1)
+            value = _variable(tensors, part, role, shape)
         fitted[name] = shaped(name, value, shape)
     return fitted
 

@@ -23,7 +23,8 @@ TABLE = (
 
 def _blocks() -> dict[str, tuple[int, int, int, int]]:
     """Name -> (inputs, hidden channels, outputs, stride)."""
-    blocks, inputs = {}, 32
+    blocks: dict[str, tuple[int, int, int, int]] = {}
+    inputs = 32
     for expansion, outputs, count, stride in TABLE:
         for i in range(count):
             blocks[f"features.{len(blocks) + 1}"] = inputs, inputs * expansion, outputs, stride if i == 0 else 1

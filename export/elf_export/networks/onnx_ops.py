@@ -19,7 +19,7 @@ def same_max_pool(x: torch.Tensor, kernel: int, stride: int) -> torch.Tensor:
     much, and therefore where the windows lie, depends on H.
     """
     if torch.onnx.is_in_onnx_export():
-        y: torch.Tensor = _SameMaxPool.apply(x, kernel, stride)
+        y: torch.Tensor = _SameMaxPool.apply(x, kernel, stride)  # type: ignore[no-untyped-call]
         return y
     pads: list[int] = []
     for size in (x.shape[3], x.shape[2]):
@@ -31,7 +31,7 @@ def same_max_pool(x: torch.Tensor, kernel: int, stride: int) -> torch.Tensor:
 def local_response_norm(x: torch.Tensor, size: int, alpha: float, beta: float, k: float) -> torch.Tensor:
     """y_c = x_c / (k + alpha / size * sum of x_c'^2 over the `size` channels around c)^beta"""
     if torch.onnx.is_in_onnx_export():
-        y: torch.Tensor = _LocalResponseNorm.apply(x, size, alpha, beta, k)
+        y: torch.Tensor = _LocalResponseNorm.apply(x, size, alpha, beta, k)  # type: ignore[no-untyped-call]
         return y
     return F.local_response_norm(x, size, alpha, beta, k)
 

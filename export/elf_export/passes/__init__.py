@@ -5,5 +5,6 @@ from __future__ import annotations
 from .cut import cut
 from .fold_batchnorm import fold_batchnorm
 from .fold_constants import fold_constants
+from .share import share
 
-__all__ = ["cut", "fold_batchnorm", "fold_constants"]
+__all__ = ["cut", "fold_batchnorm", "fold_constants", "share"]
