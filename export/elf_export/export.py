@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import platform
 import shlex
@@ -124,9 +125,11 @@ def export_network(
 
     from .reference import torch_saliency
 
-    reference = torch_saliency(module, settings, differentiate=network.gradient, color=color)
-    detection = detection or network.detection
-    checks = verify.verify(model, reference, 1 if color == "gray" else 3, detection)
+    def reference(dtype: str) -> verify.Reference:
+        return torch_saliency(copy.deepcopy(module), settings, dtype, network.gradient, color)
+
+    detection, channels = detection or network.detection, 1 if color == "gray" else 3
+    checks = verify.verify(model, reference("float64"), channels, detection, reference("float32"))
     verify.require(checks)
     log(verify.table(checks))
 
@@ -138,7 +141,7 @@ def export_network(
         network=name,
         layer=layer,
         stride=fields[layer].stride,
-        input=InputSpec(color=color, channels=1 if color == "gray" else 3, min_size=smallest),
+        input=InputSpec(color=color, channels=channels, min_size=smallest),
         descriptors=descriptor_specs(model, labels, fields),
         detection=detection,
         preprocessing=settings.describe(),

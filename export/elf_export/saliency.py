@@ -10,7 +10,7 @@ from onnx import TensorProto, helper
 from .adjoint import build_adjoint
 from .errors import LayerError
 from .graph import Graph, reduce_mean
-from .passes import cut, fold_batchnorm, fold_constants
+from .passes import compose_convs, cut, fold_batchnorm, fold_constants
 from .preprocessing import Preprocessing, prepend
 
 IMAGE, SALIENCY = "image", "saliency"
@@ -77,12 +77,13 @@ def build_saliency(
         out = descriptor_output(name)
         graph.op("Transpose", name, name=f"descriptors/{name}", outputs=[out], perm=[0, 2, 3, 1])
         outputs.append(helper.make_tensor_value_info(out, TensorProto.FLOAT, ["N", f"h_{name}", f"w_{name}", dims[1]]))
+    stated = [value.name for value in outputs]
+    del graph.model.graph.output[:]
+    graph.model.graph.output.extend(outputs)
+    graph = Graph(compose_convs(graph.model, keep=stated))
     if preprocessing is not None:
         prepend(graph, image, preprocessing, IMAGE, color)
-    proto = graph.model.graph
-    del proto.output[:]
-    proto.output.extend(outputs)
-    del proto.value_info[:]
+    del graph.model.graph.value_info[:]
     onnx.checker.check_model(graph.model, full_check=True)
     return graph.model
 
