@@ -19,7 +19,7 @@ from .saliency import IMAGE, descriptor_output
 
 
 def by_network(network: str, descriptors: Sequence[str]) -> dict[str, list[str]]:
-    """Layers to describe by, of each network: ``NET:LAYER`` names another one, ``LAYER`` is the detector's own.
+    """Layers to describe by, of each network: ``NET:LAYER`` names another, ``LAYER`` is the detector's own.
 
     The detector comes first, with an empty list where it describes nothing.
     """

@@ -12,7 +12,6 @@ from .adjoint.geometry import window_of
 from .adjoint.registry import Context
 from .graph import Graph
 
-
 WORKING_SIZE = (480, 640)  # the paper's, height and width
 
 
@@ -34,9 +33,9 @@ def receptive_fields(
 
         stride j s,   offset o + ((e - 1) / 2 - p) j,   size r + (e - 1) j
 
-    Other ops are taken as pointwise; where several inputs meet, the largest field decides.  Under SAME padding
-    with a stride the offset depends on the image's size: it is stated for `size` (height, width), and at another
-    one cells may lie up to half a stride of each such layer elsewhere.
+    Other ops are taken as pointwise; where several inputs meet, the largest field decides.  Under SAME
+    padding with a stride the offset depends on the image's size: it is stated for `size` (height, width), and
+    at another one cells may lie up to half a stride of each such layer elsewhere.
     """
     graph = Graph(_resized(model, image, size))
     fields = {image: Field()}
@@ -71,7 +70,9 @@ def _resized(model: onnx.ModelProto, image: str, size: Sequence[int]) -> onnx.Mo
 
 def _windowed(graph: Graph, node: onnx.NodeProto, before: Field) -> Field:
     context = Context(graph, node)
-    kernel = context.attrs.get("kernel_shape") or [int(d or 1) for d in (graph.shape(node.input[1]) or [])[2:]]
+    kernel = context.attrs.get("kernel_shape") or [
+        int(d or 1) for d in (graph.shape(node.input[1]) or [])[2:]
+    ]
     window = window_of(context, kernel)
     extent, stride = window.extent[-1], window.strides[-1]
     if window.begin is not None:

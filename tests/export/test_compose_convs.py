@@ -12,7 +12,10 @@ from elf_export.passes import compose_convs
 
 
 def chain(
-    kernels: tuple[int, int], pads: tuple[list[int], list[int]], channels: tuple[int, int, int], **first: object
+    kernels: tuple[int, int],
+    pads: tuple[list[int], list[int]],
+    channels: tuple[int, int, int],
+    **first: object,
 ) -> onnx.ModelProto:
     """x -> Conv -> Conv -> Abs, in float64, with seeded kernels and biases."""
     rng = np.random.default_rng(3)
@@ -27,7 +30,7 @@ def chain(
         helper.make_node("Abs", ["z"], ["y"], name="abs"),
     ]
     x = helper.make_tensor_value_info("x", onnx.TensorProto.DOUBLE, ["N", inputs, "H", "W"])
-    y = helper.make_tensor_value_info("y", onnx.TensorProto.DOUBLE, None)
+    y = helper.make_tensor_value_info("y", onnx.TensorProto.DOUBLE, ["N", outputs, "h", "w"])
     graph = helper.make_graph(nodes, "g", [x], [y], values)
     return helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 17)])
 
@@ -45,7 +48,10 @@ CASES = [
 @pytest.mark.parametrize(("kernels", "pads", "channels"), CASES)
 @pytest.mark.parametrize("size", [(9, 11), (8, 7), (32, 33)])
 def test_the_composition_is_exact_up_to_the_border(
-    kernels: tuple[int, int], pads: tuple[list[int], list[int]], channels: tuple[int, int, int], size: tuple[int, int]
+    kernels: tuple[int, int],
+    pads: tuple[list[int], list[int]],
+    channels: tuple[int, int, int],
+    size: tuple[int, int],
 ) -> None:
     model = chain(kernels, pads, channels)
     composed = compose_convs(model)
@@ -89,5 +95,6 @@ def test_left_alone(model: onnx.ModelProto) -> None:
 def test_a_middle_value_that_is_wanted_stays() -> None:
     model = chain((3, 3), ([1] * 4, [1] * 4), (1, 16, 1))
     assert [node.name for node in compose_convs(model, keep=["m"]).graph.node] == ["one", "two", "abs"]
-    model.graph.output.append(helper.make_tensor_value_info("m", onnx.TensorProto.DOUBLE, None))
+    middle = helper.make_tensor_value_info("m", onnx.TensorProto.DOUBLE, ["N", 16, "h", "w"])
+    model.graph.output.append(middle)
     assert [node.name for node in compose_convs(model).graph.node] == ["one", "two", "abs"]

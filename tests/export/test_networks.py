@@ -37,10 +37,8 @@ def own_descriptors(network: Network) -> list[str]:
 
 # -- architecture ------------------------------------------------------------------------------------------
 
-# Parameters without a classifier, from the published totals: AlexNet 60,965,224 and torchvision's 61,100,840 less
-# three dense layers each; SuperPoint 1,300,865 less its detector head 311,873; SqueezeNet 1,235,496 less 513,000;
-# ResNet-18 11,689,512 less 513,000; MobileNetV2 3,504,872 less 1,281,000; V3-Small 2,542,856 less 1,615,848;
-# EfficientNet-Lite0 4,652,008 less 1,281,000; Caffe's AlexNet by its layers, conv1 34,944 ... conv5 442,624.
+# Parameters without a classifier: the published totals less the dense layers (SuperPoint: less its detector
+# head); Caffe's AlexNet by its convolutions.
 PARAMETERS = {
     "alexnet": 34_944 + 307_456 + 885_120 + 663_936 + 442_624,
     "alexnet_torchvision": 61_100_840 - 37_752_832 - 16_781_312 - 4_097_000,
@@ -63,14 +61,26 @@ def test_parameter_counts_are_the_published_ones(name: str) -> None:
 
 # Input size, and the maps that the papers or the original frameworks state for it.
 SHAPES = [
-    ("alexnet", 227, {"conv1": (96, 55, 55), "pool1": (96, 27, 27), "pool2": (256, 13, 13), "pool5": (256, 6, 6)}),
+    (
+        "alexnet",
+        227,
+        {"conv1": (96, 55, 55), "pool1": (96, 27, 27), "pool2": (256, 13, 13), "pool5": (256, 6, 6)},
+    ),
     ("alexnet_torchvision", 224, {"pool1": (64, 27, 27), "pool2": (192, 13, 13), "pool5": (256, 6, 6)}),
-    ("xception", 299, {"block1-conv2": (64, 147, 147), "block2": (128, 74, 74), "block4-pool": (728, 19, 19)}),
+    (
+        "xception",
+        299,
+        {"block1-conv2": (64, 147, 147), "block2": (128, 74, 74), "block4-pool": (728, 19, 19)},
+    ),
     ("superpoint", 240, {"conv1a": (64, 240, 240), "relu4b": (128, 30, 30), "desc": (256, 30, 30)}),
     ("lfnet", 64, {"block2-conv": (16, 64, 64), "block2-bn": (16, 64, 64), "block3": (16, 64, 64)}),
     ("squeezenet", 224, {"pool1": (64, 55, 55), "pool3": (128, 27, 27), "fire9": (512, 13, 13)}),
     ("resnet18", 224, {"maxpool": (64, 56, 56), "layer2.1": (128, 28, 28), "layer4.1": (512, 7, 7)}),
-    ("mobilenet_v2", 224, {"features.3": (24, 56, 56), "features.6": (32, 28, 28), "features.18": (1280, 7, 7)}),
+    (
+        "mobilenet_v2",
+        224,
+        {"features.3": (24, 56, 56), "features.6": (32, 28, 28), "features.18": (1280, 7, 7)},
+    ),
     ("mobilenet_v3_small", 224, {"features.1": (16, 56, 56), "features.12": (576, 7, 7)}),
     ("efficientnet_lite0", 224, {"blocks.1.1": (24, 56, 56), "head": (1280, 7, 7)}),
     ("sobel", 40, {"magnitude": (1, 40, 40)}),
@@ -154,7 +164,9 @@ def test_the_same_graph_in_float64_is_exact(name: str, layer: str) -> None:
 def test_image_gradients_are_opencv_s(kind: str) -> None:
     network = get_network(kind)
     forward = torch_to_onnx(built(network, ["magnitude"]), ["magnitude"], 3)
-    model = build_saliency(forward, "magnitude", [], NETWORK_INPUT, network.preprocessing, differentiate=False)
+    model = build_saliency(
+        forward, "magnitude", [], NETWORK_INPUT, network.preprocessing, differentiate=False
+    )
     session, _ = open_session(model.SerializeToString())
     image = textured(61, 83)
     found = session.run(["saliency"], {"image": image[None].astype(np.float32)})[0][0]
@@ -185,8 +197,9 @@ def test_stride_and_offset_are_where_a_cell_looks(name: str, layer: str, size: t
     network = get_network(name)
     weights = {k: np.abs(v) for k, v in seeded_weights(network.tensor_shapes([layer])).items()}
     weights = {k: v / v.sum((1, 2, 3), keepdims=True) if v.ndim == 4 else v for k, v in weights.items()}
-    module = network.build(weights, [layer]).double()
-    field = receptive_fields(torch_to_onnx(module.float(), [layer], network.preprocessing.channels), NETWORK_INPUT, size)[layer]
+    module = network.build(weights, [layer])
+    forward = torch_to_onnx(module.float(), [layer], network.preprocessing.channels)
+    field = receptive_fields(forward, NETWORK_INPUT, size)[layer]
     module = module.double()
     seen = np.zeros(size, bool)
     for seed in range(24):
@@ -214,7 +227,9 @@ def test_another_network_describes(tmp_path: Path) -> None:
     weights = tmp_path / "seeded.npz"
     np.savez(weights, **seeded_weights(network.tensor_shapes(["desc"])))
     descriptors = ["vgg:pool3", "superpoint:desc", "vgg:pool1"]
-    both = export_network("superpoint", None, descriptors, tmp_path / "both.onnx", weights=weights, offline=True)
+    both = export_network(
+        "superpoint", None, descriptors, tmp_path / "both.onnx", weights=weights, offline=True
+    )
     assert [d.layer for d in both.contract.descriptors] == ["vgg:pool3", "desc", "vgg:pool1"]
     assert [(d.dim, d.stride, d.offset) for d in both.contract.descriptors] == [
         (256, 8.0, 3.5), (256, 8.0, 3.5), (64, 2.0, 0.5)
@@ -239,7 +254,9 @@ def test_what_two_networks_have_in_common_is_computed_once(tmp_path: Path) -> No
     network = get_network("alexnet")
     weights = tmp_path / "seeded.npz"
     np.savez(weights, **seeded_weights(network.tensor_shapes(["pool1"])))
-    result = export_network("alexnet", "pool1", ["vgg:pool1"], tmp_path / "a.onnx", weights=weights, offline=True)
+    result = export_network(
+        "alexnet", "pool1", ["vgg:pool1"], tmp_path / "a.onnx", weights=weights, offline=True
+    )
     nodes = [node.name for node in onnx.load(result.path).graph.node]
     assert sum("pre/" in name for name in nodes) == sum(name.startswith("pre/") for name in nodes)
     same = export_network("vgg", "pool1", ["vgg:pool2", "pool1"], tmp_path / "b.onnx", offline=True)
@@ -270,7 +287,9 @@ def test_real_weights_are_recognised_and_agree_with_autograd(tmp_path: Path, nam
     everything = load_weights(network, network.layers, file)
     assert everything.source == network.source_title
 
-    image = cv2.resize(cv2.imread(str(ROOT / "demo" / "palace.jpg")), (320, 240), interpolation=cv2.INTER_AREA)
+    image = cv2.resize(
+        cv2.imread(str(ROOT / "demo" / "palace.jpg")), (320, 240), interpolation=cv2.INTER_AREA
+    )
     elf = ElfRuntime(result.path)
     assert len(elf.detect(image)) >= 10
 

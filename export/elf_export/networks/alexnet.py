@@ -19,9 +19,10 @@ import numpy.typing as npt
 import torch
 from torch.nn import functional as F
 
-from ..preprocessing import Preprocessing
-from ..weights.fit import fit_chain
-from ..weights.sources import Download
+from elf_export.preprocessing import Preprocessing
+from elf_export.weights.fit import fit_chain
+from elf_export.weights.sources import Download
+
 from .architecture import Architecture, Conv, Maps, Part
 from .known import CAFFE_ALEXNET_8BIT
 from .onnx_ops import local_response_norm

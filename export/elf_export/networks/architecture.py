@@ -55,7 +55,7 @@ class Norm:
     eps: float = 1e-5
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
-        return {name: (self.channels,) for name in ("weight", "bias", "running_mean", "running_var")}
+        return dict.fromkeys(("weight", "bias", "running_mean", "running_var"), (self.channels,))
 
     def module(self, device: str) -> nn.Module:
         return nn.BatchNorm2d(self.channels, self.eps, device=device)
@@ -97,7 +97,11 @@ class Architecture:
     def build(self, tensors: Tensors, layers: Sequence[str]) -> nn.Module:
         """A torch module in eval mode that returns the maps of `layers`."""
         shapes = self.tensor_shapes(layers)
-        names = [name for name in self.parts if any(f"{name}.{role}" in shapes for role in self.parts[name].shapes())]
+        names = [
+            name
+            for name in self.parts
+            if any(f"{name}.{role}" in shapes for role in self.parts[name].shapes())
+        ]
         module = Tapped(self.forward, {name: self.parts[name].module("cpu") for name in names}, layers)
         module.load_state_dict({name: torch.tensor(tensors[name]) for name in shapes}, strict=False)
         return module.eval().requires_grad_(False)
@@ -135,7 +139,10 @@ class Tapped(nn.Module):
     """A forward function over its parts that stops at, and returns, the wanted layers."""
 
     def __init__(
-        self, forward: Callable[[Part, torch.Tensor], Maps], parts: Mapping[str, nn.Module], layers: Sequence[str]
+        self,
+        forward: Callable[[Part, torch.Tensor], Maps],
+        parts: Mapping[str, nn.Module],
+        layers: Sequence[str],
     ) -> None:
         super().__init__()
         self._run, self._layers = forward, tuple(layers)

@@ -1,7 +1,7 @@
 """EfficientNet-Lite0: EfficientNet-B0 (Tan, Le, 2019) with ReLU6 and without squeeze and excitation.
 
-Names and geometry (symmetric padding) are those of timm's ``efficientnet_lite0``.  Layers: ``stem`` behind its
-ReLU6, the bottlenecks ``blocks.S.B`` (linear, the sum included where there is one), and ``head``.
+Names and geometry (symmetric padding) are those of timm's ``efficientnet_lite0``.  Layers: ``stem`` behind
+its ReLU6, the bottlenecks ``blocks.S.B`` (linear, the sum included where there is one), and ``head``.
 """
 
 from __future__ import annotations
@@ -9,16 +9,17 @@ from __future__ import annotations
 import torch
 from torch.nn import functional as F
 
-from ..preprocessing import Preprocessing
-from ..weights.fit import fit_named
-from ..weights.sources import Download
+from elf_export.preprocessing import Preprocessing
+from elf_export.weights.fit import fit_named
+from elf_export.weights.sources import Download
+
 from .architecture import Architecture, Conv, Maps, Norm, Part
 from .registry import Network
 
 # (expansion, kernel, channels, blocks, stride of the first): table 1 of the paper
 TABLE = (
-    (1, 3, 16, 1, 1), (6, 3, 24, 2, 2), (6, 5, 40, 2, 2), (6, 3, 80, 3, 2), (6, 5, 112, 3, 1), (6, 5, 192, 4, 2),
-    (6, 3, 320, 1, 1),
+    (1, 3, 16, 1, 1), (6, 3, 24, 2, 2), (6, 5, 40, 2, 2), (6, 3, 80, 3, 2), (6, 5, 112, 3, 1),
+    (6, 5, 192, 4, 2), (6, 3, 320, 1, 1),
 )  # fmt: skip
 
 

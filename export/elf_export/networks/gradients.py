@@ -1,7 +1,7 @@
 """Image gradients in a network's place: the paper's baseline (section 4.4), as graphs of the same shape.
 
-The saliency is the layer itself, no derivative of it: the magnitude of the 3x3 Sobel gradient, or the absolute
-3x3 Laplacian, of the grey image, its border mirrored (OpenCV's definitions).
+The saliency is the layer itself, no derivative of it: the magnitude of the 3x3 Sobel gradient, or the
+absolute 3x3 Laplacian, of the grey image, its border mirrored (OpenCV's definitions).
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ from dataclasses import replace
 import torch
 from torch.nn import functional as F
 
-from ..preprocessing import Preprocessing
-from ..weights.fit import fit_named
+from elf_export.preprocessing import Preprocessing
+from elf_export.weights.fit import fit_named
+
 from .architecture import Architecture, Maps, Part
 from .registry import Network
 

@@ -1,4 +1,5 @@
-"""Fingerprints of published weights: layer -> hash over its tensors under our names (weights/fingerprint.py)."""
+"""Fingerprints of published weights: layer -> hash over its tensors under our names
+(weights/fingerprint.py)."""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
-"""LF-Net's detector trunk.  Ono, Trulls, Fua, Yi, "LF-Net: learning local features from images", 2018, section 3.1.
+"""LF-Net's detector trunk.  Ono, Trulls, Fua, Yi, "LF-Net: learning local features from images", 2018,
+section 3.1.
 
-A first 5x5 convolution to 16 channels, then three residual blocks of pre-activation form: normalisation and leaky
-ReLU, 5x5 convolution, normalisation and leaky ReLU, 5x5 convolution, plus the block's input.  Everything keeps the
-image's size.  Layers: ``init-conv``; of each block ``blockB-conv`` (its first convolution), ``blockB-bn`` (the
-normalisation behind it), ``blockB`` (the sum).
+A first 5x5 convolution to 16 channels, then three residual blocks of pre-activation form: normalisation and
+leaky ReLU, 5x5 convolution, normalisation and leaky ReLU, 5x5 convolution, plus the block's input.
+Everything keeps the image's size.  Layers: ``init-conv``; of each block ``blockB-conv`` (its first
+convolution), ``blockB-bn`` (the normalisation behind it), ``blockB`` (the sum).
 
 The trained weights are TensorFlow checkpoints.  Where TensorFlow is installed, this converts one::
 
@@ -24,8 +25,9 @@ import numpy.typing as npt
 import torch
 from torch.nn import functional as F
 
-from ..preprocessing import Preprocessing
-from ..weights.fit import shaped
+from elf_export.preprocessing import Preprocessing
+from elf_export.weights.fit import shaped
+
 from .architecture import Architecture, Conv, Maps, Norm, Part
 from .registry import Network
 
@@ -103,8 +105,8 @@ NETWORK = Network(
     source_title="LF-Net",
     licence="as the checkpoint's",
     hint=(
-        "a checkpoint of github.com/vcg-uvic/lf-net-release as .npz; elf_export/networks/lfnet.py says how to "
-        "convert it"
+        "a checkpoint of github.com/vcg-uvic/lf-net-release as .npz; elf_export/networks/lfnet.py says how "
+        "to convert it"
     ),
     preprocessing=Preprocessing(color="gray", standardize=True),
 )

@@ -1,7 +1,7 @@
 """MobileNetV2.  Sandler et al., "MobileNetV2: inverted residuals and linear bottlenecks", 2018.
 
-Names are torchvision's.  Layers: ``features.0`` behind its ReLU6, the bottlenecks ``features.N`` (linear, the
-sum included where there is one), and ``features.18``.
+Names are torchvision's.  Layers: ``features.0`` behind its ReLU6, the bottlenecks ``features.N`` (linear,
+the sum included where there is one), and ``features.18``.
 """
 
 from __future__ import annotations
@@ -9,9 +9,10 @@ from __future__ import annotations
 import torch
 from torch.nn import functional as F
 
-from ..preprocessing import Preprocessing
-from ..weights.fit import fit_named
-from ..weights.sources import Download
+from elf_export.preprocessing import Preprocessing
+from elf_export.weights.fit import fit_named
+from elf_export.weights.sources import Download
+
 from .architecture import Architecture, Conv, Maps, Norm, Part
 from .registry import Network
 
@@ -27,7 +28,12 @@ def _blocks() -> dict[str, tuple[int, int, int, int]]:
     inputs = 32
     for expansion, outputs, count, stride in TABLE:
         for i in range(count):
-            blocks[f"features.{len(blocks) + 1}"] = inputs, inputs * expansion, outputs, stride if i == 0 else 1
+            blocks[f"features.{len(blocks) + 1}"] = (
+                inputs,
+                inputs * expansion,
+                outputs,
+                stride if i == 0 else 1,
+            )
             inputs = outputs
     return blocks
 
@@ -36,7 +42,10 @@ BLOCKS = _blocks()
 
 
 def _parts() -> dict[str, Conv | Norm]:
-    parts: dict[str, Conv | Norm] = {"features.0.0": Conv(3, 32, 3, 2, 1, bias=False), "features.0.1": Norm(32)}
+    parts: dict[str, Conv | Norm] = {
+        "features.0.0": Conv(3, 32, 3, 2, 1, bias=False),
+        "features.0.1": Norm(32),
+    }
     for name, (inputs, hidden, outputs, stride) in BLOCKS.items():
         expands = hidden != inputs
         if expands:

@@ -1,7 +1,7 @@
 """MobileNetV3-Small.  Howard et al., "Searching for MobileNetV3", 2019.
 
-Names are torchvision's.  Layers: ``features.0`` behind its hard swish, the bottlenecks ``features.N`` (linear,
-the sum included where there is one), and ``features.12``.
+Names are torchvision's.  Layers: ``features.0`` behind its hard swish, the bottlenecks ``features.N``
+(linear, the sum included where there is one), and ``features.12``.
 """
 
 from __future__ import annotations
@@ -9,15 +9,16 @@ from __future__ import annotations
 import torch
 from torch.nn import functional as F
 
-from ..preprocessing import Preprocessing
-from ..weights.fit import fit_named
-from ..weights.sources import Download
+from elf_export.preprocessing import Preprocessing
+from elf_export.weights.fit import fit_named
+from elf_export.weights.sources import Download
+
 from .architecture import Architecture, Conv, Maps, Norm, Part
 from .registry import Network
 
 EPS = 1e-3
 
-# inputs, kernel, hidden channels, outputs, squeeze channels (0: none), hard swish, stride: table 2 of the paper
+# inputs, kernel, hidden channels, outputs, squeezed channels (0: none), hard swish, stride: table 2
 BLOCKS = {
     f"features.{i}": row
     for i, row in enumerate(

@@ -1,7 +1,7 @@
 """Operations that ONNX has and torch's exporter would write as a dozen nodes, or for one image size only.
 
-Each computes with torch's own functions, so that torch.autograd differentiates it, and is written to a file as
-the one ONNX node that means the same; verification holds the two against each other.
+Each computes with torch's own functions, so that torch.autograd differentiates it, and is written to a file
+as the one ONNX node that means the same; verification holds the two against each other.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from torch.nn import functional as F
 def same_max_pool(x: torch.Tensor, kernel: int, stride: int) -> torch.Tensor:
     """Max-pooling under TensorFlow's SAME padding.
 
-    An axis of H pixels gets max((ceil(H / s) - 1) s + k - H, 0) pixels of padding, the odd one at the end: how
-    much, and therefore where the windows lie, depends on H.
+    An axis of H pixels gets max((ceil(H / s) - 1) s + k - H, 0) pixels of padding, the odd one at the end:
+    how much, and therefore where the windows lie, depends on H.
     """
     if torch.onnx.is_in_onnx_export():
         y: torch.Tensor = _SameMaxPool.apply(x, kernel, stride)  # type: ignore[no-untyped-call]

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from elf_export.errors import ExportError, LayerError
+from elf_export.preprocessing import Preprocessing
+from elf_export.weights.sources import Download, Wheel
 from elf_runtime import DetectionParams, preset
-
-from ..errors import ExportError, LayerError
-from ..preprocessing import Preprocessing
-from ..weights.sources import Download, Wheel
 
 if TYPE_CHECKING:
     import torch
@@ -58,7 +57,7 @@ class Network:
     tensor_shapes : function
         ``tensor_shapes(layers)``: the tensors that these layers need, name -> shape.
     fit : function
-        ``fit(tensors, shapes)`` makes the tensors of any file fit `tensor_shapes`: names, layout, colour order.
+        ``fit(tensors, shapes)`` makes any file's tensors fit `tensor_shapes`: names, layout, colour order.
     known : mapping
         Layer -> fingerprint of its tensors in the weights that `source_title` names.
     sources : sequence of Download or Wheel
@@ -78,7 +77,9 @@ class Network:
     default_descriptors: Sequence[str]
     build: Callable[[Tensors, Sequence[str]], torch.nn.Module]
     tensor_shapes: Callable[[Sequence[str]], dict[str, tuple[int, ...]]]
-    fit: Callable[[Mapping[str, npt.NDArray[Any]], Mapping[str, tuple[int, ...]]], dict[str, npt.NDArray[np.float32]]]
+    fit: Callable[
+        [Mapping[str, npt.NDArray[Any]], Mapping[str, tuple[int, ...]]], dict[str, npt.NDArray[np.float32]]
+    ]
     source_title: str
     licence: str
     known: Mapping[str, str] = field(default_factory=dict)

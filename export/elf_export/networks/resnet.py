@@ -1,7 +1,7 @@
 """ResNet-18.  He, Zhang, Ren, Sun, "Deep residual learning for image recognition", 2015.
 
-Names are torchvision's.  Layers: ``conv1``, ``bn1``, ``relu``, ``maxpool``, and the blocks ``layerL.B`` behind
-their sum and ReLU.
+Names are torchvision's.  Layers: ``conv1``, ``bn1``, ``relu``, ``maxpool``, and the blocks ``layerL.B``
+behind their sum and ReLU.
 """
 
 from __future__ import annotations
@@ -9,9 +9,10 @@ from __future__ import annotations
 import torch
 from torch.nn import functional as F
 
-from ..preprocessing import Preprocessing
-from ..weights.fit import fit_named
-from ..weights.sources import Download
+from elf_export.preprocessing import Preprocessing
+from elf_export.weights.fit import fit_named
+from elf_export.weights.sources import Download
+
 from .architecture import Architecture, Conv, Maps, Norm, Part
 from .registry import Network
 

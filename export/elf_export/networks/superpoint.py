@@ -13,8 +13,9 @@ from __future__ import annotations
 import torch
 from torch.nn import functional as F
 
-from ..preprocessing import Preprocessing
-from ..weights.fit import fit_chain
+from elf_export.preprocessing import Preprocessing
+from elf_export.weights.fit import fit_chain
+
 from .architecture import Architecture, Conv, Maps, Part
 from .known import SUPERPOINT_V1
 from .registry import Network
@@ -47,7 +48,9 @@ def forward(part: Part, x: torch.Tensor) -> Maps:
     yield "desc", F.normalize(x, dim=1)
 
 
-_ARCHITECTURE = Architecture({f"conv{name}": conv for name, conv in (ENCODER | HEAD).items()}, forward, channels=1)
+_ARCHITECTURE = Architecture(
+    {f"conv{name}": conv for name, conv in (ENCODER | HEAD).items()}, forward, channels=1
+)
 
 NETWORK = Network(
     name="superpoint",
@@ -62,8 +65,8 @@ NETWORK = Network(
     licence="non-commercial research only (Magic Leap); do not redistribute",
     known=SUPERPOINT_V1,
     hint=(
-        "superpoint_v1.pth of github.com/magicleap/SuperPointPretrainedNetwork, SHA-256 52b6708629640ca8...; its "
-        "licence is NON-COMMERCIAL, which is why it is not fetched for you"
+        "superpoint_v1.pth of github.com/magicleap/SuperPointPretrainedNetwork, SHA-256 52b6708629640ca8...; "
+        "its licence is NON-COMMERCIAL, which is why it is not fetched for you"
     ),
     preprocessing=Preprocessing(color="gray", standardize=False, scale=1 / 255),
 )

@@ -1,8 +1,8 @@
 """Xception's entry flow.  Chollet, "Xception: deep learning with depthwise separable convolutions", 2017.
 
-Names follow Keras and the paper.  Layers: ``blockB-convI-bn`` behind the batch normalisation, ``blockB-convI``
-behind the ReLU where one follows at once, ``blockB-pool``, and ``blockB`` behind the residual sum.  The paper's
-F is ``block2-conv1``, its descriptor ``block4-pool``.
+Names follow Keras and the paper.  Layers: ``blockB-convI-bn`` behind the batch normalisation,
+``blockB-convI`` behind the ReLU where one follows at once, ``blockB-pool``, and ``blockB`` behind the
+residual sum.  The paper's F is ``block2-conv1``, its descriptor ``block4-pool``.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ import numpy.typing as npt
 import torch
 from torch.nn import functional as F
 
-from ..preprocessing import Preprocessing
-from ..weights.fit_keras import fit_keras
-from ..weights.sources import Download, Wheel
+from elf_export.preprocessing import Preprocessing
+from elf_export.weights.fit_keras import fit_keras
+from elf_export.weights.sources import Download, Wheel
+
 from .architecture import Architecture, Conv, Maps, Norm, Part
 from .known import KERAS_XCEPTION
 from .onnx_ops import same_max_pool

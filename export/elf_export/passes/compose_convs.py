@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,16 +19,17 @@ FAR = np.iinfo(np.int64).max
 def compose_convs(model: onnx.ModelProto, keep: Collection[str] = ()) -> onnx.ModelProto:
     """y = V * (W * x + b) + c = (V o W) * x + (sum V b + c), with the kernel (V o W) of k_V + k_W - 1 pixels.
 
-    That is the saliency of a linear first layer, W^T (W x + b): SuperPoint's conv1a goes through 64 channels to
-    give one, composed it is a single 5x5 kernel.
+    That is the saliency of a linear first layer, W^T (W x + b): SuperPoint's conv1a goes through 64 channels
+    to give one, composed it is a single 5x5 kernel.
 
-    With zero padding it holds only where the composed window lies inside the image.  A window that reaches over
-    the border would also count values of W * x + b out there, which the second convolution takes for zero.
-    The rows and columns within reach of the border are therefore computed from strips of x by the two
-    convolutions themselves, and put around the inside: exact everywhere, and cheap, a strip being k - 1 pixels.
+    With zero padding it holds only where the composed window lies inside the image.  A window that reaches
+    over the border would also count values of W * x + b out there, which the second convolution takes for
+    zero.  The rows and columns within reach of the border are therefore computed from strips of x by the two
+    convolutions themselves, and put around the inside: exact everywhere, and cheap, a strip being k - 1
+    pixels.
 
-    Applied where both strides, dilations and groups are 1, the two together keep the image's size, nothing else
-    reads the middle value, it is not in `keep`, and the composed kernel takes less arithmetic.
+    Applied where both strides, dilations and groups are 1, the two together keep the image's size, nothing
+    else reads the middle value, it is not in `keep`, and the composed kernel takes less arithmetic.
     """
     graph = Graph(model)
     outputs = {value.name for value in graph.model.graph.output}
@@ -69,7 +70,9 @@ def _pair(graph: Graph, first: onnx.NodeProto, second: onnx.NodeProto) -> Pair |
     keeps_size = all(p + q == k - 1 for p, q, k in zip(begin, end, kernel.shape[2:], strict=True))
     if not keeps_size or kernel.size >= w.size + v.size:
         return None
-    return Pair(kernel.astype(w.dtype), (v.astype(np.float64).sum((2, 3)) @ b + c).astype(w.dtype), begin, end)
+    return Pair(
+        kernel.astype(w.dtype), (v.astype(np.float64).sum((2, 3)) @ b + c).astype(w.dtype), begin, end
+    )
 
 
 def compose(w: Array, v: Array) -> Array:
@@ -112,7 +115,9 @@ def _replace(graph: Graph, first: onnx.NodeProto, second: onnx.NodeProto, pair: 
     def strip(name: str, axis: int, size: int, front: bool) -> str:
         """The first or last `size` rows (axis 2) or columns (axis 3) of the result."""
         reach = pair.kernel.shape[axis] - 1
-        source = _slice(graph, x, axis, *((0, reach) if front else (-reach, FAR)), name=f"{tag}/{name}_source")
+        source = _slice(
+            graph, x, axis, *((0, reach) if front else (-reach, FAR)), name=f"{tag}/{name}_source"
+        )
         for role, node in (("1", first), ("2", second)):
             given = {a.name: helper.get_attribute_value(a) for a in node.attribute}
             source = graph.op("Conv", source, *node.input[1:], name=f"{tag}/{name}_conv{role}", **given)
@@ -124,7 +129,10 @@ def _replace(graph: Graph, first: onnx.NodeProto, second: onnx.NodeProto, pair: 
     )  # fmt: skip
     top, left = pair.begin
     bottom, right = pair.end
-    for axis, names, before, after in ((3, ("left", "right"), left, right), (2, ("top", "bottom"), top, bottom)):
+    for axis, names, before, after in (
+        (3, ("left", "right"), left, right),
+        (2, ("top", "bottom"), top, bottom),
+    ):
         parts = [y]
         for name, size, front in ((names[0], before, True), (names[1], after, False)):
             if size:
@@ -133,10 +141,13 @@ def _replace(graph: Graph, first: onnx.NodeProto, second: onnx.NodeProto, pair: 
                     edge = _slice(graph, edge, 2, top, -bottom or FAR, name=f"{tag}/{name}_inner")
                 parts.insert(0 if front else len(parts), edge)
         last = [result] if axis == 2 else 1
-        y = graph.op("Concat", *parts, name=f"{tag}/{'rows' if axis == 2 else 'columns'}", outputs=last, axis=axis)
+        y = graph.op(
+            "Concat", *parts, name=f"{tag}/{'rows' if axis == 2 else 'columns'}", outputs=last, axis=axis
+        )
     nodes.extend(behind)
 
 
 def _slice(graph: Graph, x: str, axis: int, start: int, stop: int, name: str) -> str:
-    bounds: Sequence[str] = [graph.int64s([v], f"{name}_{n}") for n, v in (("from", start), ("to", stop), ("axis", axis))]
-    return graph.op("Slice", x, *bounds, name=name)
+    bounds = {"from": start, "to": stop, "axis": axis}
+    inputs = [graph.int64s([value], f"{name}_{role}") for role, value in bounds.items()]
+    return graph.op("Slice", x, *inputs, name=name)

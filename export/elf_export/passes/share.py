@@ -10,8 +10,8 @@ from .cut import cut
 def share(model: onnx.ModelProto) -> onnx.ModelProto:
     """A copy of `model` without nodes and initializers that are copies of earlier ones.
 
-    Two nodes are copies if op, attributes and (after earlier merging) inputs are the same, two initializers if
-    type, shape and values are.  Nodes with bodies, and nodes that make a graph output, are left alone.
+    Two nodes are copies if op, attributes and (after earlier merging) inputs are the same, two initializers
+    if type, shape and values are.  Nodes with bodies, and nodes that make a graph output, are left alone.
     """
     result = onnx.ModelProto()
     result.CopyFrom(model)

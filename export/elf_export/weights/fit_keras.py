@@ -1,7 +1,7 @@
 """Making a Keras file's tensors fit a network with batch normalisations and separable convolutions.
 
-Keras 2 files call a layer by its name, and number the layers that got none; Keras 3 archives number all of them,
-each kind apart, in the order of creation.  Roles are names (``kernel``, ``gamma`` ...) or numbers.
+Keras 2 files call a layer by its name, and number the layers that got none; Keras 3 archives number all of
+them, each kind apart, in the order of creation.  Roles are names (``kernel``, ``gamma`` ...) or numbers.
 """
 
 from __future__ import annotations
@@ -15,8 +15,11 @@ from .fit import Array, Shapes, shaped
 
 # Role in our tables -> what the last component of a Keras name holds, by name and by number.
 _NORM = {
-    "weight": ("gamma", "0"), "bias": ("beta", "1"), "running_mean": ("mean", "2"), "running_var": ("variance", "3"),
-}  # fmt: skip
+    "weight": ("gamma", "0"),
+    "bias": ("beta", "1"),
+    "running_mean": ("mean", "2"),
+    "running_var": ("variance", "3"),
+}
 
 Layer = dict[str, Array]
 
@@ -29,8 +32,8 @@ def fit_keras(
     Parameters
     ----------
     tensors : by name, in natural order
-    shapes : ``LAYER.weight`` of convolutions, ``LAYER.depthwise.weight`` and ``LAYER.pointwise.weight`` of separable
-        ones, ``LAYER.weight``, ``.bias``, ``.running_mean`` and ``.running_var`` of normalisations
+    shapes : ``LAYER.weight`` of convolutions, ``LAYER.depthwise.weight`` and ``LAYER.pointwise.weight`` of
+        separable ones, ``LAYER.weight``, ``.bias``, ``.running_mean`` and ``.running_var`` of normalisations
     order : names of the parts in the order in which Keras creates the layers
 
     Raises
