@@ -39,6 +39,10 @@ def parser() -> argparse.ArgumentParser:
         help="trained weights: .pth, .h5, .keras, .safetensors, .npz or .onnx (default: the published ones, from "
         "the cache, the bundled model, the publisher or a package index)",
     )  # fmt: skip
+    p.add_argument(
+        "--preprocess", choices=("paper", "own"), default="paper",
+        help="what the detector is fed: each image standardised (the paper's), or what it was trained with",
+    )  # fmt: skip
     p.add_argument("--desc-weights", metavar="FILE", help="weights of the other network of --desc NET:LAYER")
     p.add_argument("--output", "-o", metavar="FILE", help="default: elf-NET-LAYER.onnx")
     p.add_argument("--opset", type=int, default=17, help="ONNX opset of the file, 11 to 20 (default: 17)")
@@ -76,7 +80,8 @@ def _export(args: argparse.Namespace) -> int:
         descriptors = [] if args.desc == "none" else [name.strip() for name in args.desc.split(",") if name.strip()]
     result = export_network(
         args.net, args.layer, descriptors, args.output, weights=args.weights, opset=args.opset,
-        force=args.force, offline=args.offline, desc_weights=args.desc_weights, log=print,
+        force=args.force, offline=args.offline, desc_weights=args.desc_weights,
+        preprocessing=args.preprocess, log=print,
     )  # fmt: skip
     size = result.path.stat().st_size / 1e6
     print(f"wrote {result.path} ({size:.1f} MB): {result.contract.network} {result.contract.layer}, descriptors "

@@ -9,7 +9,7 @@ import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import onnx
 
@@ -54,7 +54,7 @@ def export_network(
     force: bool = False,
     offline: bool = False,
     detection: DetectionParams | None = None,
-    preprocessing: Preprocessing | None = None,
+    preprocessing: Preprocessing | Literal["paper", "own"] = "paper",
     desc_weights: str | os.PathLike[str] | None = None,
     log: Callable[[str], None] = lambda text: None,
 ) -> ExportResult:
@@ -75,8 +75,8 @@ def export_network(
         Overwrite an existing file.
     detection : DetectionParams, optional
         The settings that the runtime uses where the caller gives none; the network's by default.
-    preprocessing : Preprocessing, optional
-        Another one than the network's, for the detector.
+    preprocessing : "paper", "own" or Preprocessing
+        For the detector: the paper's standardisation, what the network was trained with, or any other.
     desc_weights : path, optional
         Weights of the other network that describes, as `weights`.
 
@@ -102,7 +102,13 @@ def export_network(
     if opset not in OPSETS:
         raise ExportError(f"opset {opset} is not supported; choose {OPSETS[0]} to {OPSETS[-1]}")
 
-    settings = preprocessing or network.preprocessing
+    settings = network.preprocessing
+    if preprocessing == "own" and network.trained_with is None:
+        raise ExportError(f"what {name} was trained with is not known; --preprocess paper standardises")
+    if preprocessing == "own" and network.trained_with is not None:
+        settings = network.trained_with
+    elif isinstance(preprocessing, Preprocessing):
+        settings = preprocessing
     colors = {settings.color, *(other.preprocessing.color for other in others.values())}
     color = settings.color if len(colors) == 1 else "bgr"
     layers = list(dict.fromkeys([layer, *own]))
@@ -137,6 +143,8 @@ def export_network(
     # In the order that was asked for: the first describes by default.
     labels = sorted([*own, *labels], key=[w.removeprefix(f"{name}:") for w in wanted].index)
     arguments = ["elf-export", "--net", name, "--layer", layer, "--desc", ",".join(labels) or "none"]
+    if preprocessing == "own":
+        arguments += ["--preprocess", "own"]
     contract = ModelContract(
         network=name,
         layer=layer,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -9,10 +10,9 @@ import numpy as np
 import onnx
 import pytest
 import torch
-from onnx.reference import ReferenceEvaluator
 
 from elf_eval.methods.gradient import gradient_saliency
-from elf_export import export_network, verify
+from elf_export import ExportError, WeightsError, export_network, verify
 from elf_export.forward import NETWORK_INPUT, torch_to_onnx
 from elf_export.networks import Network, get_network, network_names
 from elf_export.receptive_field import receptive_fields
@@ -22,7 +22,7 @@ from elf_export.weights.load import load_weights
 from elf_runtime import ElfRuntime, preset
 from elf_runtime.session import open_session
 from helpers import ROOT, shared, textured
-from seeded import as_float64, seeded_weights
+from seeded import Tensors, evaluator64, seeded_weights
 
 NAMES = [name for name in network_names() if name != "vgg"]  # VGG has its own tests, with real weights
 
@@ -147,7 +147,7 @@ def test_the_same_graph_in_float64_is_exact(name: str, layer: str) -> None:
     module = built(network, [layer])
     forward = torch_to_onnx(module, [layer], settings.channels)
     model = build_saliency(forward, layer, [], NETWORK_INPUT, settings, network.gradient)
-    evaluator = ReferenceEvaluator(as_float64(model))
+    evaluator = evaluator64(model)
     reference = torch_saliency(module, settings, differentiate=network.gradient)
     for height, width in ((49, 52), (50, 51)):
         images = [textured(height, width, seed, settings.channels) for seed in range(2)]
@@ -291,7 +291,7 @@ def test_real_weights_are_recognised_and_agree_with_autograd(tmp_path: Path, nam
         cv2.imread(str(ROOT / "demo" / "palace.jpg")), (320, 240), interpolation=cv2.INTER_AREA
     )
     elf = ElfRuntime(result.path)
-    assert len(elf.detect(image)) >= 10
+    assert len(elf.detect(image)) >= 5
 
 
 def test_the_reference_converts_colours_as_opencv_does() -> None:
@@ -299,3 +299,129 @@ def test_the_reference_converts_colours_as_opencv_does() -> None:
     grey = get_network("superpoint").preprocessing
     wanted = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) / 255
     np.testing.assert_allclose(preprocess(image[None], grey, "bgr")[0, 0], wanted, atol=1e-6)
+
+
+def test_preprocessing_of_the_training(tmp_path: Path) -> None:
+    network = get_network("superpoint")
+    np.savez(tmp_path / "w.npz", **seeded_weights(network.tensor_shapes(["conv1a"])))
+    result = export_network(
+        "superpoint", None, [], tmp_path / "a.onnx", weights=tmp_path / "w.npz", preprocessing="own"
+    )
+    assert "0.00392157" in result.contract.preprocessing
+    assert result.contract.command.endswith("--preprocess own")
+    with pytest.raises(ExportError, match="what sobel was trained with is not known"):
+        export_network("sobel", None, [], tmp_path / "b.onnx", preprocessing="own")
+
+
+# -- files -------------------------------------------------------------------------------------------------
+
+
+def keras2(tensors: Tensors) -> Tensors:
+    """As Keras 2 writes Xception's .h5: layers inside themselves, shortcuts numbered from 1."""
+    named: Tensors = {}
+    roles = {
+        "weight": "gamma",
+        "bias": "beta",
+        "running_mean": "moving_mean",
+        "running_var": "moving_variance",
+    }
+    for name, value in tensors.items():
+        layer, _, role = name.partition(".")
+        if "residual" in layer:
+            number = int(layer[5]) - 1
+            layer = f"{'batch_normalization' if layer.endswith('_bn') else 'conv2d'}_{number}"
+        if value.ndim == 1:
+            key = roles[role]
+        else:
+            key = f"{role.partition('.')[0]}_kernel" if "." in role else "kernel"
+            value = value.transpose(2, 3, 0, 1) if "depthwise" in role else value.transpose(2, 3, 1, 0)
+        named[f"{layer}/{layer}/{key}:0"] = value
+    return dict(sorted(named.items()))
+
+
+def keras3(tensors: Tensors) -> Tensors:
+    """As Keras 3 archives a frozen base: every kind numbered in the order of creation."""
+    numbered: Tensors = {}
+    counts: dict[str, list[str]] = {"conv2d": [], "separable_conv2d": [], "batch_normalization": []}
+    order = ("weight", "bias", "running_mean", "running_var")
+    for name, value in tensors.items():
+        layer, _, role = name.partition(".")
+        kind = (
+            "batch_normalization" if value.ndim == 1 else "separable_conv2d" if "sep" in layer else "conv2d"
+        )
+        if layer not in counts[kind]:
+            counts[kind].append(layer)
+        number = counts[kind].index(layer)
+        index = order.index(role) if value.ndim == 1 else int(role.startswith("pointwise"))
+        if value.ndim == 4:
+            value = value.transpose(2, 3, 0, 1) if "depthwise" in role else value.transpose(2, 3, 1, 0)
+        numbered[f"layers/base/layers/{kind}{f'_{number}' if number else ''}/vars/{index}"] = value
+    return numbered | {"optimizer/vars/2": np.zeros((2048, 100), np.float32)}
+
+
+@pytest.mark.parametrize("write", [dict, keras2, keras3])
+def test_xception_from_every_generation_of_keras(write: Callable[[Tensors], Tensors]) -> None:
+    network = get_network("xception")
+    shapes = network.tensor_shapes(network.layers)
+    tensors = seeded_weights(shapes)
+    fitted = network.fit(write(tensors), shapes)
+    assert fitted.keys() == tensors.keys()
+    assert all((fitted[name] == tensors[name]).all() for name in tensors)
+
+
+def test_lfnet_from_a_checkpoint_s_variables() -> None:
+    network = get_network("lfnet")
+    shapes = network.tensor_shapes(network.layers)
+    tensors = seeded_weights(shapes)
+    roles = {
+        "weight": "gamma",
+        "bias": "beta",
+        "running_mean": "moving_mean",
+        "running_var": "moving_variance",
+    }
+    variables: Tensors = {}
+    for name, value in tensors.items():
+        part, role = name.rsplit(".", 1)
+        scope = f"ConvOnlyResNet/{part.replace('.', '/')}"
+        if part.endswith("-bn"):
+            variables[f"{scope}/{roles[role]}"] = value
+        elif value.ndim == 4:
+            variables[f"{scope}/weights"] = value.transpose(2, 3, 1, 0)
+    fitted = network.fit(variables, shapes)
+    convs = [name for name in shapes if not name.split(".")[-2].endswith("-bn")]
+    assert all((fitted[n] == (0 if n.endswith(".bias") and n in convs else tensors[n])).all() for n in shapes)
+    with pytest.raises(WeightsError, match="lack block-2"):
+        network.fit({k: v for k, v in variables.items() if "block-2" not in k}, shapes)
+
+
+@pytest.mark.parametrize("prefix", ["", "backbone."])
+def test_state_dicts_under_a_prefix(prefix: str) -> None:
+    network = get_network("resnet18")
+    shapes = network.tensor_shapes(["layer1.1"])
+    tensors = seeded_weights(network.tensor_shapes(network.layers))
+    fitted = network.fit({prefix + name: value for name, value in tensors.items()}, shapes)
+    assert all((fitted[name] == tensors[name]).all() for name in shapes)
+
+
+def test_squeezenet_under_torchvision_s_names_takes_rgb() -> None:
+    network = get_network("squeezenet")
+    shapes = network.tensor_shapes(["fire9"])
+    tensors = seeded_weights(shapes)
+    modules = {
+        "fire2": 3,
+        "fire3": 4,
+        "fire4": 6,
+        "fire5": 7,
+        "fire6": 9,
+        "fire7": 10,
+        "fire8": 11,
+        "fire9": 12,
+    }
+    state = {}
+    for name, value in tensors.items():
+        head, _, rest = name.partition(".")
+        index = 0 if head == "conv1" else modules[head]
+        state[f"features.{index}.{rest.replace('squeeze1x1', 'squeeze')}"] = value
+    fitted = network.fit(state, shapes)
+    assert (fitted["conv1.weight"] == tensors["conv1.weight"][:, ::-1]).all()
+    assert all((fitted[n] == tensors[n]).all() for n in shapes if n != "conv1.weight")

@@ -99,6 +99,7 @@ NETWORK = Network(
     known=CAFFE_ALEXNET_8BIT,
     hint="Caffe's bvlc_alexnet, its convolutions conv1 to conv5 saved as .npz or .onnx",
     preprocessing=Preprocessing(color="bgr", standardize=True),
+    trained_with=Preprocessing(color="bgr", standardize=False, mean=(104.0, 117.0, 123.0)),
 )
 
 PLAIN = replace(
@@ -120,6 +121,7 @@ ONE_TOWER = replace(
     source_title="torchvision's AlexNet (ImageNet)",
     licence="BSD-3-Clause",
     known={},
+    trained_with=None,
     sources=(
         # The file's name carries the beginning of its SHA-256, as all of torchvision's do.
         Download("https://download.pytorch.org/models/alexnet-owt-7be5be79.pth", "7be5be79"),

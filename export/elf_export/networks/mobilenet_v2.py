@@ -90,4 +90,5 @@ NETWORK = Network(
     licence="BSD-3-Clause",
     sources=(Download("https://download.pytorch.org/models/mobilenet_v2-b0353104.pth", "b0353104"),),
     preprocessing=Preprocessing(color="rgb", standardize=True),
+    trained_with=Preprocessing("rgb", False, 1 / 255, (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)),
 )

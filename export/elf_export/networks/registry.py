@@ -66,6 +66,10 @@ class Network:
         What to give with --weights where `sources` has nothing.
     detection : DetectionParams
         The settings that exported models start from: the paper's blurs for this network.
+    preprocessing : Preprocessing
+        What ELF feeds the network: the paper standardises each image, whatever the network was trained with.
+    trained_with : Preprocessing, optional
+        What the network was trained with; ``--preprocess own`` takes it.
     gradient : bool
         The saliency is F's input gradient; False where F itself is the saliency map (Sobel, Laplacian).
     """
@@ -86,6 +90,7 @@ class Network:
     sources: Sequence[Download | Wheel] = ()
     hint: str = ""
     preprocessing: Preprocessing = field(default_factory=Preprocessing)
+    trained_with: Preprocessing | None = None
     gradient: bool = True
 
     @property

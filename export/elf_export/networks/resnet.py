@@ -77,4 +77,5 @@ NETWORK = Network(
         ),
     ),
     preprocessing=Preprocessing(color="rgb", standardize=True),
+    trained_with=Preprocessing("rgb", False, 1 / 255, (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)),
 )

@@ -110,4 +110,5 @@ NETWORK = Network(
     ),
     hint="keras-squeezenet's file, or torchvision's squeezenet1_1-b8a52dc0.pth",
     preprocessing=Preprocessing(color="bgr", standardize=True),
+    trained_with=Preprocessing(color="bgr", standardize=False, mean=(104.0, 117.0, 123.0)),
 )

@@ -3,6 +3,7 @@ interest point detection and description", 2018.
 
 Layers: ``convNx`` before its ReLU, ``reluNx`` behind it, ``poolN``; of the descriptor head ``convDa``,
 ``reluDa``, ``convDb``, and ``desc``, convDb with unit vectors.  The paper's F is the linear ``conv1a``.
+SuperPoint was trained on grey images divided by 255; its own descriptors want ``--preprocess own``.
 
 Magic Leap's weights are for non-commercial research only: they are never fetched, shipped or bundled, and a
 model that is made from them is bound by their licence.
@@ -68,5 +69,6 @@ NETWORK = Network(
         "superpoint_v1.pth of github.com/magicleap/SuperPointPretrainedNetwork, SHA-256 52b6708629640ca8...; "
         "its licence is NON-COMMERCIAL, which is why it is not fetched for you"
     ),
-    preprocessing=Preprocessing(color="gray", standardize=False, scale=1 / 255),
+    preprocessing=Preprocessing(color="gray", standardize=True),
+    trained_with=Preprocessing(color="gray", standardize=False, scale=1 / 255),
 )

@@ -109,4 +109,5 @@ NETWORK = Network(
         ),
     ),
     preprocessing=Preprocessing(color="rgb", standardize=True),
+    trained_with=Preprocessing("rgb", False, 1 / 127.5, (1.0,)),
 )

@@ -36,7 +36,7 @@ def fit_chain(tensors: Mapping[str, Array], shapes: Shapes) -> dict[str, npt.NDA
 
 
 def fit_named(
-    tensors: Mapping[str, Array], shapes: Shapes, aliases: Callable[[str], Sequence[str]] = lambda name: ()
+    tensors: Mapping[str, Array], shapes: Shapes, aliases: Callable[[str], Sequence[str]] = lambda _: ()
 ) -> dict[str, npt.NDArray[np.float32]]:
     """Tensors by name: the names of `shapes` or their `aliases`, all of them behind one common prefix at most.
 
@@ -45,15 +45,14 @@ def fit_named(
     WeightsError
         Naming the first tensor that is missing or of another shape.
     """
-    fitted = {}
-    for name, shape in shapes.items():
-        known = [name, *aliases(name)]
-        value = next((tensors[n] for n in known if n in tensors), None)
-        if value is None:
-            inside = [n for n in tensors if any(n.endswith(f"{mark}{k}") for k in known for mark in "./")]
-            value = tensors[inside[0]] if len(inside) == 1 else None
-        fitted[name] = shaped(name, value, shape)
-    return fitted
+    first = next(iter(shapes), "")
+    prefixes = ["", *(n.removesuffix(k) for k in [first, *aliases(first)] for n in tensors if n.endswith(k))]
+
+    def found(prefix: str, name: str) -> Array | None:
+        return next((tensors[prefix + k] for k in [name, *aliases(name)] if prefix + k in tensors), None)
+
+    best = max(prefixes, key=lambda prefix: sum(found(prefix, name) is not None for name in shapes))
+    return {name: shaped(name, found(best, name), shape) for name, shape in shapes.items()}
 
 
 def _renamed(tensors: Mapping[str, Array], wanted: list[str]) -> dict[str, Array]:
