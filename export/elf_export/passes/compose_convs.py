@@ -115,13 +115,13 @@ def _replace(graph: Graph, first: onnx.NodeProto, second: onnx.NodeProto, pair: 
     def strip(name: str, axis: int, size: int, front: bool) -> str:
         """The first or last `size` rows (axis 2) or columns (axis 3) of the result."""
         reach = pair.kernel.shape[axis] - 1
-        source = _slice(
-            graph, x, axis, *((0, reach) if front else (-reach, FAR)), name=f"{tag}/{name}_source"
-        )
+        start, stop = (0, reach) if front else (-reach, FAR)
+        source = _slice(graph, x, axis, start, stop, f"{tag}/{name}_source")
         for role, node in (("1", first), ("2", second)):
             given = {a.name: helper.get_attribute_value(a) for a in node.attribute}
             source = graph.op("Conv", source, *node.input[1:], name=f"{tag}/{name}_conv{role}", **given)
-        return _slice(graph, source, axis, *((0, size) if front else (-size, FAR)), name=f"{tag}/{name}")
+        start, stop = (0, size) if front else (-size, FAR)
+        return _slice(graph, source, axis, start, stop, f"{tag}/{name}")
 
     y = graph.op(
         "Conv", x, graph.const(pair.kernel, f"{tag}/kernel"), graph.const(pair.bias, f"{tag}/bias"),
