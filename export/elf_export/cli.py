@@ -13,6 +13,8 @@ examples:
   elf-export --net vgg --layer pool2                     the paper's detector, described by pool4
   elf-export --net vgg --layer pool1 --desc pool3        a cheaper one
   elf-export --net vgg --layer pool2 --desc none         saliency and keypoints only
+  elf-export --net superpoint --desc vgg:pool3 --weights superpoint_v1.pth
+                                                         SuperPoint detects, VGG describes
   elf-export --net vgg --list                            the layers to choose from
 """
 
@@ -29,13 +31,19 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--layer", metavar="LAYER", help="the layer F that keypoints come from (default: the paper's)")
     p.add_argument(
         "--desc", metavar="LAYER[,LAYER...]|none",
-        help="layers that describe the keypoints, the first being the default (default: the paper's)",
+        help="layers that describe the keypoints, the first being the default; NET:LAYER takes another network's "
+        "(default: the paper's)",
     )  # fmt: skip
     p.add_argument(
         "--weights", metavar="FILE",
         help="trained weights: .pth, .h5, .keras, .safetensors, .npz or .onnx (default: the published ones, from "
         "the cache, the bundled model, the publisher or a package index)",
     )  # fmt: skip
+    p.add_argument(
+        "--preprocess", choices=("paper", "own"), default="paper",
+        help="what the detector is fed: each image standardised (the paper's), or what it was trained with",
+    )  # fmt: skip
+    p.add_argument("--desc-weights", metavar="FILE", help="weights of the other network of --desc NET:LAYER")
     p.add_argument("--output", "-o", metavar="FILE", help="default: elf-NET-LAYER.onnx")
     p.add_argument("--opset", type=int, default=17, help="ONNX opset of the file, 11 to 20 (default: 17)")
     p.add_argument("--force", action="store_true", help="overwrite an existing file")
@@ -72,7 +80,8 @@ def _export(args: argparse.Namespace) -> int:
         descriptors = [] if args.desc == "none" else [name.strip() for name in args.desc.split(",") if name.strip()]
     result = export_network(
         args.net, args.layer, descriptors, args.output, weights=args.weights, opset=args.opset,
-        force=args.force, offline=args.offline, log=print,
+        force=args.force, offline=args.offline, desc_weights=args.desc_weights,
+        preprocessing=args.preprocess, log=print,
     )  # fmt: skip
     size = result.path.stat().st_size / 1e6
     print(f"wrote {result.path} ({size:.1f} MB): {result.contract.network} {result.contract.layer}, descriptors "
@@ -88,7 +97,7 @@ def _list(args: argparse.Namespace) -> int:
         for name in network_names():
             network = get_network(name)
             described = ",".join(network.default_descriptors) or "none"
-            print(f"{name:<12}{network.title}; default --layer {network.default_layer} --desc {described}")
+            print(f"{name:<20}{network.title}; default --layer {network.default_layer} --desc {described}")
     else:
         print(network_table(get_network(args.net)))
     return 0

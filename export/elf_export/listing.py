@@ -26,7 +26,7 @@ def network_table(network: Network) -> str:
 def layer_table(model: onnx.ModelProto, image: str, layers: Sequence[str]) -> str:
     """Channels, stride, receptive field and forward arithmetic (share of the deepest's) of each layer."""
     graph = Graph(model)
-    fields = receptive_fields(graph, image)
+    fields = receptive_fields(model, image)
     macs = {layer: _forward_macs(model, layer) for layer in layers}
     most = max(macs.values(), default=0.0) or 1.0
     rows = [f"{'layer':<24}{'channels':>9}{'stride':>8}{'receptive field':>17}{'forward arithmetic':>20}"]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 import onnx
 from onnx import TensorProto, helper
 
@@ -47,14 +48,31 @@ class Preprocessing:
         return f"{self.color}, (I * {self.scale:g} - [{mean}]) / [{std}]"
 
 
-def prepend(graph: Graph, target: str, settings: Preprocessing, name: str = "image") -> None:
+def conversion(source: str, target: str) -> npt.NDArray[np.float64]:
+    """(channels of source, channels of target): what takes the pixels of one colour order to another.
+
+    Grey is ITU-R BT.601's, as OpenCV has it: 0.299 R + 0.587 G + 0.114 B.
+    """
+    if source == "gray":
+        return np.ones((1, 1 if target == "gray" else 3))
+    if target == "gray":
+        return np.array([[{"b": 0.114, "g": 0.587, "r": 0.299}[channel]] for channel in source])
+    return np.array([[float(a == b) for b in target] for a in source])
+
+
+def prepend(
+    graph: Graph, target: str, settings: Preprocessing, name: str = "image", color: str | None = None
+) -> None:
     """Make the value `target`, the network's (N, C, H, W) input, from a new graph input of raw pixels.
 
     Parameters
     ----------
     graph : Graph
         Changed in place: `target` is no input any more, `name` (N, H, W, C) is.
+    color : "bgr", "rgb" or "gray", optional
+        Colour order of the new input, where another network shares it; `settings.color` by default.
     """
+    color = color or settings.color
     proto = graph.model.graph
     forward = list(proto.node)
     copies = [onnx.NodeProto() for _ in forward]
@@ -76,8 +94,12 @@ def prepend(graph: Graph, target: str, settings: Preprocessing, name: str = "ima
         mean = graph.op("Add", rough, correction, name=f"pre/{role}_mean")
         return graph.op("Sub", rest, correction, name=f"pre/{role}_centred"), mean
 
+    pixels = name
+    if color != settings.color:
+        matrix = graph.const(conversion(color, settings.color), "pre/colors", np.float32)
+        pixels = graph.op("MatMul", name, matrix, name="pre/recolored")
     if settings.standardize:
-        zero_mean, _ = centred(name, "pixels")
+        zero_mean, _ = centred(pixels, "pixels")
         _, variance = centred(graph.op("Mul", zero_mean, zero_mean, name="pre/squared"), "squares")
         std = graph.op("Sqrt", variance, name="pre/std")
         safe = graph.op("Max", std, graph.const(LEAST_STD, "pre/least_std", np.float32), name="pre/safe_std")
@@ -87,11 +109,12 @@ def prepend(graph: Graph, target: str, settings: Preprocessing, name: str = "ima
         std64 = np.broadcast_to(np.asarray(settings.std, np.float64), settings.channels)
         gain = graph.const(settings.scale / std64, "pre/gain", np.float32)
         shift = graph.const(-np.asarray(settings.mean, np.float64) / std64, "pre/shift", np.float32)
-        x = graph.op("Add", graph.op("Mul", name, gain, name="pre/scaled"), shift, name="pre/normalized")
+        x = graph.op("Add", graph.op("Mul", pixels, gain, name="pre/scaled"), shift, name="pre/normalized")
     graph.op("Transpose", x, name="pre/nchw", outputs=[target], perm=[0, 3, 1, 2])
     proto.node.extend(copies)
 
     kept = [value for value in proto.input if value.name != target]
-    infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["N", "H", "W", settings.channels]), *kept]
+    channels = 1 if color == "gray" else 3
+    infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["N", "H", "W", channels]), *kept]
     del proto.input[:]
     proto.input.extend(infos)

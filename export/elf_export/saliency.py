@@ -10,7 +10,7 @@ from onnx import TensorProto, helper
 from .adjoint import build_adjoint
 from .errors import LayerError
 from .graph import Graph, reduce_mean
-from .passes import cut, fold_batchnorm, fold_constants
+from .passes import compose_convs, cut, fold_batchnorm, fold_constants
 from .preprocessing import Preprocessing, prepend
 
 IMAGE, SALIENCY = "image", "saliency"
@@ -22,6 +22,8 @@ def build_saliency(
     descriptors: Sequence[str] = (),
     image_input: str | None = None,
     preprocessing: Preprocessing | None = None,
+    differentiate: bool = True,
+    color: str | None = None,
 ) -> onnx.ModelProto:
     """A model whose outputs are S(I) = |F^T dF/dI|, averaged over I's channels, and descriptor maps.
 
@@ -40,6 +42,10 @@ def build_saliency(
         Name of the image input; the only input by default.
     preprocessing : Preprocessing, optional
         Put in front, the input then being ``image``, raw pixels (N, H, W, C); None leaves the model's own input.
+    differentiate : bool
+        False takes F itself for the gradient: a saliency map that the model computes already.
+    color : "bgr", "rgb" or "gray", optional
+        Colour order of the raw pixels, if it is not that of `preprocessing`.
 
     Returns
     -------
@@ -62,7 +68,7 @@ def build_saliency(
     graph = Graph(trunk)
     image = image_input or only_image_input(graph)
 
-    gradient = build_adjoint(graph, layer, image)
+    gradient = build_adjoint(graph, layer, image) if differentiate else layer
     magnitude = graph.op("Abs", gradient, name="saliency/abs")
     reduce_mean(graph, magnitude, 1, "saliency/mean", keepdims=0, output=SALIENCY)
     outputs = [helper.make_tensor_value_info(SALIENCY, TensorProto.FLOAT, ["N", "H", "W"])]
@@ -71,12 +77,13 @@ def build_saliency(
         out = descriptor_output(name)
         graph.op("Transpose", name, name=f"descriptors/{name}", outputs=[out], perm=[0, 2, 3, 1])
         outputs.append(helper.make_tensor_value_info(out, TensorProto.FLOAT, ["N", f"h_{name}", f"w_{name}", dims[1]]))
+    stated = [value.name for value in outputs]
+    del graph.model.graph.output[:]
+    graph.model.graph.output.extend(outputs)
+    graph = Graph(compose_convs(graph.model, keep=stated))
     if preprocessing is not None:
-        prepend(graph, image, preprocessing, IMAGE)
-    proto = graph.model.graph
-    del proto.output[:]
-    proto.output.extend(outputs)
-    del proto.value_info[:]
+        prepend(graph, image, preprocessing, IMAGE, color)
+    del graph.model.graph.value_info[:]
     onnx.checker.check_model(graph.model, full_check=True)
     return graph.model
 

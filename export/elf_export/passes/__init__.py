@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from .compose_convs import compose_convs
 from .cut import cut
 from .fold_batchnorm import fold_batchnorm
 from .fold_constants import fold_constants
+from .share import share
 
-__all__ = ["cut", "fold_batchnorm", "fold_constants"]
+__all__ = ["compose_convs", "cut", "fold_batchnorm", "fold_constants", "share"]
