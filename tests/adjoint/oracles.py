@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -49,6 +49,8 @@ class Case:
     constants : name -> array
         Inputs that are initializers; floats are written in the model's dtype.
     torch : function of the inputs' tensors (float64), then of the constants'; returns the first output
+    computed : names of constants
+        Those are inputs of the graph instead, known when it runs only.
     order : the node's inputs, "" for one that is left out
     dynamic_from : int
         First opset at which the graph can have symbolic sizes.
@@ -66,6 +68,7 @@ class Case:
     torch: Callable[..., torch.Tensor]
     attrs: Mapping[str, Any] = field(default_factory=dict)
     constants: Mapping[str, Any] = field(default_factory=dict)
+    computed: Collection[str] = ()
     order: Sequence[str] | None = None
     opsets: Sequence[int] = (11, 13, 17, 20)
     linear: bool = False
@@ -90,7 +93,16 @@ class Case:
             )
             for name, shape in self.inputs.items()
         ]  # fmt: skip
-        tensors = [numpy_helper.from_array(_as(value, dtype), name) for name, value in self.constants.items()]
+        values = {name: _as(value, dtype) for name, value in self.constants.items()}
+        tensors = [
+            numpy_helper.from_array(v, name) for name, v in values.items() if name not in self.computed
+        ]
+        infos.extend(
+            helper.make_tensor_value_info(
+                name, helper.np_dtype_to_tensor_dtype(values[name].dtype), values[name].shape
+            )
+            for name in self.computed
+        )
         order = self.order if self.order is not None else [*self.inputs, *self.constants]
         outs = ["y", *(f"y{i}" for i in range(1, self.outputs))]
         node = helper.make_node(self.op, list(order), outs, name="node", **self.attrs)
@@ -151,6 +163,7 @@ def check(case: Case, opset: int) -> None:
         for dtype in (np.float32, np.float64) if opset >= case.reference_from else (np.float32,):
             model = case.model(opset, dynamic, dtype)
             feed = {name: value.astype(dtype) for name, value in {**values, "seed": weights}.items()}
+            feed.update((name, _as(case.constants[name], dtype)) for name in case.computed)
             run = run_ort if dtype is np.float32 else run_reference
             tolerance = case.tolerance32 if dtype is np.float32 else case.tolerance64
             for wrt in case.inputs:

@@ -50,6 +50,14 @@ CASES = [
         opsets=(11, 12, 13, 17, 20),
     ),
     Case("clip", "Clip", SHAPE, lambda x, lo, hi: x.clamp(lo, hi), constants={"lo": -0.5, "hi": 0.25}),
+    Case(
+        "clip_computed",
+        "Clip",
+        SHAPE,
+        lambda x, lo, hi: x.clamp(lo, hi),
+        constants={"lo": -0.5, "hi": 0.25},
+        computed=("lo", "hi"),
+    ),
     Case("clip_low", "Clip", SHAPE, lambda x, lo: x.clamp(lo), constants={"lo": -0.5}),
     Case(
         "clip_high",

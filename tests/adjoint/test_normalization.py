@@ -63,6 +63,17 @@ CASES = [
         **NORM,
     ),
     Case(
+        "batch_computed",
+        "BatchNormalization",
+        SHAPE,
+        lambda x, s, b, m, v: F.batch_norm(x, m, v, s, b, eps=EPS),
+        constants={"s": SCALE, "b": BIAS, "m": MEAN, "v": VARIANCE},
+        computed=("s", "b", "m", "v"),
+        opsets=(14, 17),
+        linear=True,
+        **NORM,
+    ),
+    Case(
         "instance",
         "InstanceNormalization",
         SHAPE,

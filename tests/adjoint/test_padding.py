@@ -38,6 +38,16 @@ CASES = [
         linear=True,
     ),
     Case(
+        "computed",
+        "Pad",
+        SHAPE,
+        by_mode("constant"),
+        constants={"p": BORDERS},
+        computed=("p",),
+        opsets=(11, 17),
+        linear=True,
+    ),
+    Case(
         "channels",
         "Pad",
         SHAPE,

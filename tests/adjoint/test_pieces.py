@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -16,11 +19,12 @@ FAR = 2**63 - 1
 
 def cut(
     name: str,
-    function: object,
+    function: Callable[[torch.Tensor], torch.Tensor],
     starts: list[int],
     ends: list[int],
     axes: list[int] | None,
     steps: list[int] | None,
+    **more: Any,
 ) -> Case:
     bounds = {"starts": starts, "ends": ends, "axes": axes, "steps": steps}
     constants = {k: np.array(v, np.int64) for k, v in bounds.items() if v is not None}
@@ -35,17 +39,20 @@ def cut(
         constants=constants,
         order=order,
         linear=True,
+        **more,
     )
 
 
-def pick(name: str, indices: object, axis: int) -> Case:
+def pick(name: str, indices: object, axis: int, **more: Any) -> Case:
     index = np.array(indices, np.int64)
 
     def function(x: torch.Tensor, i: torch.Tensor) -> torch.Tensor:
         flat = x.index_select(axis, i.reshape(-1) % x.shape[axis])
         return flat.reshape(*x.shape[:axis], *index.shape, *x.shape[axis + 1 :])
 
-    return Case(f"gather_{name}", "Gather", SHAPE, function, {"axis": axis}, {"i": index}, linear=True)
+    return Case(
+        f"gather_{name}", "Gather", SHAPE, function, {"axis": axis}, {"i": index}, linear=True, **more
+    )
 
 
 CASES = [
@@ -114,6 +121,17 @@ CASES = [
     cut("step_3_cut", lambda x: x[..., 1:6:3], [1], [6], [3], [3]),
     cut("backwards", lambda x: x.flip(3), [-1], [-FAR], [3], [-1]),
     cut("backwards_step", lambda x: x.flip(3)[..., 1:6:2], [-2], [0], [3], [-2]),
+    cut(
+        "computed",
+        lambda x: x[:, :, 1:4, 2:6:2],
+        [1, 2],
+        [4, 6],
+        [2, 3],
+        [1, 2],
+        computed=("starts", "ends"),
+        opsets=(11, 17),
+    ),
+    pick("computed", [4, -1, 0, 2], 2, computed=("i",), opsets=(11, 17)),
     pick("one", 1, 1),
     pick("one_axis_of_1", [2], 2),
     pick("negative", -1, 3),

@@ -9,13 +9,33 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from .oracles import Case, Fixed, check, rows
+from .oracles import NEVER, Case, Fixed, check, rows
 
 pytestmark = pytest.mark.torch
 
 SHAPE = {"x": (2, 3, 4, 5)}
 NO_ROI = Fixed(np.zeros(0, np.float32))  # an input that may be left out from opset 13 on only
 LINEAR = {"linear": True, "static_axes": (0, 1)}
+
+
+def sampled(factors: tuple[float, float], place: Any, rounding: str | None = None) -> Any:
+    """What torch.nn.functional has no word for: linear, or nearest by a `rounding`, along both axes."""
+
+    def along(x: torch.Tensor, axis: int, scale: np.float32) -> torch.Tensor:
+        d = x.shape[axis]
+        k = int(np.floor(scale * d))
+        c = np.float32(place(np.arange(k, dtype=np.float32), np.float32(k), np.float32(d), scale))
+
+        def at(places: Any) -> torch.Tensor:
+            return x.index_select(axis, torch.from_numpy(np.clip(places, 0, d - 1).astype(np.int64)))
+
+        if rounding is not None:
+            return at(ROUNDINGS[rounding](c))
+        low = np.floor(c)
+        share = torch.from_numpy((c - low).astype(np.float64)).reshape([-1] + [1] * (3 - axis))
+        return at(low) * (1 - share) + at(low + 1) * share
+
+    return lambda x: along(along(x, 2, np.float32(factors[0])), 3, np.float32(factors[1]))
 
 
 def scales(
@@ -38,6 +58,22 @@ def sizes(name: str, size: tuple[int, int], function: Any, attrs: dict[str, Any]
 
 def zoom(mode: str, size: tuple[int, int], align: bool | None = None) -> Any:
     return lambda x: F.interpolate(x, size=size, mode=mode, align_corners=align)
+
+
+# Where output i of k lies in an input of d pixels, at scale s: ONNX's formulas, in float32 as the runtime has them.
+PLACES: dict[str, Any] = {
+    "asymmetric": lambda i, k, d, s: i / s,
+    "half_pixel": lambda i, k, d, s: (i + 0.5) / s - 0.5,
+    "tf_half_pixel_for_nn": lambda i, k, d, s: (i + 0.5) / s,
+    "align_corners": lambda i, k, d, s: i * (d - 1) / (k - 1),
+    "half_pixel_symmetric": lambda i, k, d, s: d / 2 * (1 - k / (s * d)) + (i + 0.5) / s - 0.5,
+}
+ROUNDINGS: dict[str, Any] = {
+    "floor": np.floor,
+    "ceil": np.ceil,
+    "round_prefer_floor": lambda c: np.ceil(c - 0.5),
+    "round_prefer_ceil": lambda c: np.floor(c + 0.5),
+}
 
 
 FLOOR = {"coordinate_transformation_mode": "asymmetric", "nearest_mode": "floor"}
@@ -106,23 +142,46 @@ CASES = [
         opsets=(11, 13, 18, 19),
         linear=True,
     ),
+    *(
+        scales(
+            f"{mode}_{rounding}_{h}x{w}",
+            (h, w),
+            sampled((h, w), PLACES[mode], rounding),
+            {"coordinate_transformation_mode": mode, "nearest_mode": rounding},
+            opsets=(19,) if mode == "half_pixel_symmetric" else (11, 18),
+            # The reference evaluator aligns with a corner that is not rounded to a whole pixel.
+            reference_from=NEVER if mode == "align_corners" else 0,
+        )
+        for mode in ("asymmetric", "half_pixel", "half_pixel_symmetric", "align_corners")
+        for rounding in ("floor", "ceil", "round_prefer_floor", "round_prefer_ceil")
+        for h, w in ((2, 3), (1.7, 0.7))
+    ),
+    *(
+        scales(
+            f"linear_{mode}_{h}x{w}",
+            (h, w),
+            sampled((h, w), PLACES[mode]),
+            {"coordinate_transformation_mode": mode, "mode": "linear"},
+            tolerance64=1e-6,  # the scale is a float32
+            opsets=(19,) if mode == "half_pixel_symmetric" else (11, 18),
+            # The reference evaluator aligns with a corner that is not rounded to a whole pixel.
+            reference_from=NEVER if mode == "align_corners" else 0,
+        )
+        for mode in ("asymmetric", "half_pixel", "half_pixel_symmetric", "align_corners")
+        for h, w in ((3, 1), (1.7, 0.7))
+    ),
+    scales(
+        "tensorflow",
+        (1.7, 0.7),
+        sampled((1.7, 0.7), PLACES["tf_half_pixel_for_nn"], "floor"),
+        {"coordinate_transformation_mode": "tf_half_pixel_for_nn", "nearest_mode": "floor"},
+        opsets=(11, 12),
+        reference_from=NEVER,
+    ),
+    sizes("sizes_computed", (7, 9), zoom("bilinear", (7, 9), False), {"mode": "linear"}, computed=("s",)),
 ]
 
 
 @rows(CASES)
 def test_rule(case: Case, opset: int) -> None:
     check(case, opset)
-
-
-# What torch has no word for is held against the runtime's own forward: <A x, s> = <x, A' s> and differences.
-SYMMETRIC = [
-    scales(
-        f"symmetric_{mode}_{f}",
-        (f, f),
-        torch.abs,
-        {"mode": mode, "coordinate_transformation_mode": "half_pixel_symmetric"},
-        opsets=(19, 20),
-    )
-    for mode in ("linear", "nearest")
-    for f in (1.7, 0.7)
-]

@@ -105,14 +105,15 @@ def _coordinates(ctx: Context, axis: int, position: int, dtype: np.dtype[Any]) -
     centre = op("Div", op("Add", i, half, "middle"), scale, "centre")
     if mode == "tf_half_pixel_for_nn":
         return centre
+    if mode == "half_pixel_symmetric":
+        # The output's centre is the input's, although the output's size was rounded down.  The shift comes
+        # before the half is taken off: the runtime's order, and nearest depends on the last bit.
+        adjustment = op("Div", out, op("Mul", scale, own, "exact_out"), "adjustment")
+        shift = op("Mul", op("Mul", own, half, "in_centre"), op("Sub", one, adjustment, "rounded"), "shift")
+        centre = op("Add", shift, centre, "centre_shifted")
     c = op("Sub", centre, half, "c")
     if mode == "pytorch_half_pixel":
         return ctx.op("Where", op("Greater", out, one, "many"), c, number(0, "only"), role=f"{tag}_c_or_0")
-    if mode == "half_pixel_symmetric":
-        # The output's centre is the input's, although the output's size was rounded down.
-        adjustment = op("Div", out, op("Mul", scale, own, "exact_out"), "adjustment")
-        shift = op("Mul", op("Mul", own, half, "in_centre"), op("Sub", one, adjustment, "rounded"), "shift")
-        return op("Add", shift, c, "c_symmetric")
     return c
 
 
