@@ -1,39 +1,21 @@
-"""From a named network, or any ONNX model, to a verified .onnx file with its contract."""
+"""From a named network to a verified .onnx file with its contract."""
 
 from __future__ import annotations
 
 import os
-import platform
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
 
-import onnx
-
-import elf_runtime
-from elf_runtime import DescriptorSpec, DetectionParams, InputSpec, ModelContract, WeightsSpec
+from elf_runtime import DetectionParams, InputSpec, ModelContract, WeightsSpec
 
 from . import verify
-from .cost import macs_per_pixel, parameters
-from .errors import ExportError
 from .forward import DEFAULT_OPSET, NETWORK_INPUT, torch_to_onnx
 from .graph import Graph
 from .networks import get_network
-from .receptive_field import Field, receptive_fields
-from .saliency import SALIENCY, build_saliency, descriptor_output, stamp
+from .output import ExportResult, check_opset, check_output, cost_of, descriptor_specs, versions, write
+from .receptive_field import receptive_fields
+from .saliency import build_saliency
 from .weights.load import load_weights
-
-OPSETS = range(11, 21)
-
-
-@dataclass
-class ExportResult:
-    """What an export made."""
-
-    path: Path
-    contract: ModelContract
-    checks: list[verify.Check] = field(default_factory=list)
 
 
 def export_network(
@@ -81,8 +63,7 @@ def export_network(
     descriptors = list(dict.fromkeys(network.default_descriptors if descriptors is None else descriptors))
     network.check_layers([layer, *descriptors])
     path = check_output(output or f"elf-{name}-{layer}.onnx", force)
-    if opset not in OPSETS:
-        raise ExportError(f"opset {opset} is not supported; choose {OPSETS[0]} to {OPSETS[-1]}")
+    check_opset(opset)
     layers = list(dict.fromkeys([layer, *descriptors]))
 
     loaded = load_weights(network, layers, weights, offline, log)
@@ -116,71 +97,3 @@ def export_network(
     )
     write(model, contract, path)
     return ExportResult(path, contract, checks)
-
-
-def check_output(output: str | os.PathLike[str], force: bool) -> Path:
-    """The path to write to, once it is sure that writing there is wanted and possible."""
-    path = Path(output)
-    if path.is_dir():
-        raise ExportError(f"{path} is a folder; --output names a file")
-    if path.exists() and not force:
-        raise ExportError(f"{path} exists; --force overwrites it")
-    if not path.parent.is_dir():
-        raise ExportError(f"{path.parent}: no such folder")
-    return path
-
-
-def descriptor_specs(
-    model: onnx.ModelProto, layers: Sequence[str], fields: dict[str, Field]
-) -> tuple[DescriptorSpec, ...]:
-    """Output, dimension and geometry of each descriptor layer."""
-    dims = {value.name: value.type.tensor_type.shape.dim[-1].dim_value for value in model.graph.output}
-    return tuple(
-        DescriptorSpec(
-            descriptor_output(name), name, dims[descriptor_output(name)], fields[name].stride, fields[name].offset
-        )
-        for name in layers
-    )
-
-
-def cost_of(model: onnx.ModelProto, descriptors: Sequence[str]) -> dict[str, float]:
-    """Parameters, and multiply-adds per pixel of the saliency alone and of all outputs together."""
-    outputs = [SALIENCY, *(descriptor_output(name) for name in descriptors)]
-    return {
-        "params": parameters(model),
-        "saliency_macs_per_pixel": macs_per_pixel(model, [SALIENCY]),
-        "descriptors_macs_per_pixel": macs_per_pixel(model, outputs),
-    }
-
-
-def versions(opset: int) -> dict[str, str]:
-    """What made a file: for the contract."""
-    import onnxruntime
-
-    found = {
-        "elf-onnx": elf_runtime.__version__,
-        "opset": str(opset),
-        "onnx": onnx.__version__,
-        "onnxruntime": onnxruntime.__version__,
-        "python": platform.python_version(),
-    }
-    try:
-        import torch
-    except ImportError:
-        return found
-    return found | {"torch": torch.__version__}
-
-
-def write(model: onnx.ModelProto, contract: ModelContract, path: Path) -> None:
-    """Stamp the contract on the model and put the file in place in one step."""
-    model.producer_name = "elf-onnx"
-    model.producer_version = elf_runtime.__version__
-    stamp(model, contract.to_metadata())
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(model.SerializeToString(deterministic=True))
-        os.replace(part, path)
-    except OSError as error:
-        raise ExportError(f"{path}: {error.strerror or error}") from error
-    finally:
-        part.unlink(missing_ok=True)

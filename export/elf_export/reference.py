@@ -15,15 +15,17 @@ if TYPE_CHECKING:
     from .verify import Array, Reference
 
 
-def preprocess(pixels: npt.NDArray[np.floating], settings: Preprocessing) -> npt.NDArray[np.float64]:
-    """What the graph does to raw pixels, in float64 numpy: (N, H, W, C) -> (N, C, H, W)."""
+def preprocess(
+    pixels: npt.NDArray[np.floating], settings: Preprocessing, layout: str = "NCHW"
+) -> npt.NDArray[np.float64]:
+    """What the graph does to raw pixels, in float64 numpy: (N, H, W, C) -> `layout`."""
     x = np.asarray(pixels, np.float64)
     if settings.standardize:
         x = x - x.mean(axis=(1, 2, 3), keepdims=True)
         x = x / np.maximum(np.sqrt((x * x).mean(axis=(1, 2, 3), keepdims=True)), LEAST_STD)
     else:
         x = (x * settings.scale - np.asarray(settings.mean)) / np.asarray(settings.std)
-    return np.ascontiguousarray(x.transpose(0, 3, 1, 2))
+    return np.ascontiguousarray(x.transpose(["NHWC".index(axis) for axis in layout]))
 
 
 def torch_saliency(module: torch.nn.Module, settings: Preprocessing, dtype: str = "float64") -> Reference:

@@ -2,8 +2,18 @@
 
 from __future__ import annotations
 
+from .convert_opset import OPSETS, convert_opset, opset_of
 from .cut import cut
 from .fold_batchnorm import fold_batchnorm
 from .fold_constants import fold_constants
+from .single_precision import single_precision
 
-__all__ = ["cut", "fold_batchnorm", "fold_constants"]
+__all__ = [
+    "OPSETS",
+    "convert_opset",
+    "cut",
+    "fold_batchnorm",
+    "fold_constants",
+    "opset_of",
+    "single_precision",
+]

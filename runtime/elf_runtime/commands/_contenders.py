@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.image import to_pixels
+from elf_runtime.image import resized, to_pixels
 from elf_runtime.session import bundled_model, open_session
 from elf_runtime.subgraph import with_outputs
 
@@ -66,6 +66,7 @@ def elf_saliency(elf: ElfRuntime, model: str | None, **options: Any) -> Callable
 
     def saliency(image: Image) -> Any:
         pixels = to_pixels(image, contract.input)
+        pixels = resized(pixels, contract.input.size_for(*pixels.shape[:2], 1.0))
         return session.run([contract.saliency_output], {contract.input.name: pixels[None]})[0][0]
 
     return saliency
