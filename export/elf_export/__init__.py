@@ -14,9 +14,12 @@ from .errors import (
     VerificationError,
     WeightsError,
 )
-from .export import ExportResult, export_network
+from .export import export_network
+from .foreign.export import export_onnx
+from .foreign.load import load_model
+from .output import ExportResult
 from .preprocessing import Preprocessing
-from .saliency import build_saliency
+from .saliency import build_gradient, build_saliency
 
 __all__ = [
     "ExportError",
@@ -27,6 +30,9 @@ __all__ = [
     "UnsupportedNode",
     "VerificationError",
     "WeightsError",
+    "build_gradient",
     "build_saliency",
     "export_network",
+    "export_onnx",
+    "load_model",
 ]

@@ -89,7 +89,8 @@ def _candidates(graph: Graph, axes: Mapping[str, str]) -> list[str]:
 
 def _blocked(graph: Graph, image: str) -> dict[str, str]:
     """Values that depend on the image through a node without an adjoint, and that node's op."""
-    reached, blocked = {image}, {}
+    reached = {image}
+    blocked: dict[str, str] = {}
     reasons = unsupported_behind(graph, image)
     for node in graph.nodes:
         arriving = [name for name in node.input if name in reached]

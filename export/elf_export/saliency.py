@@ -123,7 +123,7 @@ def _descriptor_outputs(
     graph: Graph, descriptors: Sequence[str], axes: Mapping[str, str]
 ) -> list[onnx.ValueInfoProto]:
     """Append what turns each descriptor layer into (N, h, w, D), and describe the outputs."""
-    outputs = []
+    outputs: list[onnx.ValueInfoProto] = []
     for name in descriptors:
         if name not in axes:
             shape = graph.shape(name)
@@ -134,8 +134,8 @@ def _descriptor_outputs(
         perm = [axes[name].index(a) for a in "NHWC"]
         dim = (graph.shape(name) or [None] * 4)[perm[3]]
         graph.op("Transpose", name, name=f"descriptors/{name}", outputs=[out], perm=perm)
-        shape = ["N", f"h_{name}", f"w_{name}", dim]
-        outputs.append(helper.make_tensor_value_info(out, graph.elem_type(name), shape))
+        dims = ["N", f"h_{name}", f"w_{name}", dim]
+        outputs.append(helper.make_tensor_value_info(out, graph.elem_type(name), dims))
     return outputs
 
 

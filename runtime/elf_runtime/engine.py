@@ -308,7 +308,7 @@ class ElfRuntime:
     def _prepare(self, array: npt.NDArray[Any], params: DetectionParams, mask: npt.ArrayLike | None) -> _Work:
         spec = self.contract.input
         pixels = images.to_pixels(array, spec)
-        size = pixels.shape[:2]
+        size = (pixels.shape[0], pixels.shape[1])
         if min(size) < spec.min_size:
             raise ImageError(
                 f"the image has {size[1]}x{size[0]} pixels; the smallest is {spec.min_size}x{spec.min_size}"
@@ -320,7 +320,7 @@ class ElfRuntime:
             )
         scale = max(params.scale, spec.min_size / min(size)) if params.scale < 1.0 else params.scale
         textured = not images.is_flat(pixels)
-        pixels = images.resized(pixels, spec.size_for(*size, scale))
+        pixels = images.resized(pixels, spec.size_for(size[0], size[1], scale))
         if spec.is_fixed:
             scale = float(np.sqrt(pixels.shape[0] / size[0] * pixels.shape[1] / size[1]))
         allowed = images.to_mask(mask, size, pixels.shape[:2]) if mask is not None else None

@@ -22,14 +22,14 @@ def resolve_layer(model: onnx.ModelProto, wanted: str) -> str:
     """
     if not wanted:
         raise LayerError("a layer's name is empty")
-    values = {name for node in model.graph.node for name in node.output if name}
+    values = {str(name) for node in model.graph.node for name in node.output if name}
     if wanted in values:
         return wanted
     called: dict[str, set[str]] = {name: {name} for name in values}
     for node in model.graph.node:
         if node.name and node.output:
             called.setdefault(node.name, set()).add(node.output[0])
-    by_node = {node.output[0] for node in model.graph.node if node.name == wanted and node.output}
+    by_node = {str(node.output[0]) for node in model.graph.node if node.name == wanted and node.output}
     found = by_node or {value for name, ends in called.items() if name.endswith(wanted) for value in ends}
     if len(found) == 1:
         return found.pop()

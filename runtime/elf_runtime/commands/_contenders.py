@@ -66,7 +66,7 @@ def elf_saliency(elf: ElfRuntime, model: str | None, **options: Any) -> Callable
 
     def saliency(image: Image) -> Any:
         pixels = to_pixels(image, contract.input)
-        pixels = resized(pixels, contract.input.size_for(*pixels.shape[:2], 1.0))
+        pixels = resized(pixels, contract.input.size_for(pixels.shape[0], pixels.shape[1], 1.0))
         return session.run([contract.saliency_output], {contract.input.name: pixels[None]})[0][0]
 
     return saliency
