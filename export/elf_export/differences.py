@@ -35,7 +35,7 @@ Forward = Callable[[Array64], Array64]
 # a signal far above rounding; white noise sees what g lacks, but is nearly orthogonal to any g: in float32
 # its derivative drowns.
 SIGNS, NOISE = "signs of the gradient", "white noise"
-DIRECTIONS = 4  # of each family, on each image
+DIRECTIONS = 3  # of each family, on each image
 
 
 @dataclass(frozen=True)
@@ -60,13 +60,16 @@ class Arithmetic:
     largest: float
 
 
-# g itself is float32: a ReLU that it sees switched bounds the agreement of single directions.
-FLOAT64 = Arithmetic("float64", (3e-8, 3e-7, 3e-6), ((48, 64), (53, 71)), (SIGNS, NOISE), 1e-4, 1e-2)
+# In float64 both sides are, so that only a kink within a step is left of the error.
+FLOAT64 = Arithmetic("float64", (3e-8, 3e-7, 3e-6), ((48, 64), (53, 71)), (SIGNS, NOISE), 1e-6, 1e-3)
 FLOAT32 = Arithmetic("float32", (3e-5, 1e-4, 3e-4, 1e-3), ((96, 128), (101, 141)), (SIGNS,), 5e-3, 5e-2)
 
-AFFORDABLE = 2e9  # multiply-adds of one float64 pass; about a second
+AFFORDABLE = 2e9  # multiply-adds of one float64 pass; about half a second
 SAME_FORWARD = 1e-4  # of max |F|: the float64 evaluator computes what ONNX Runtime does
-SAME_MAP = 1e-5  # of max S: the median pixel's difference between the file's S and the mean of |g|
+SAME_MAP = 1e-5  # of max S: the median pixel's difference between the file's S and the mean of float32's |g|
+# Of max |g|, float32's gradient against float64's: the median and 99 % of the pixels.  Where a ReLU switches
+# between the two, g differs over its whole receptive field, which for a deep layer is the image.
+ROUNDING, SWITCHED = 1e-2, 0.2
 
 
 @dataclass(frozen=True)
@@ -86,11 +89,19 @@ class Direction:
 
 @dataclass(frozen=True)
 class Agreement:
-    """All directions, and the file's saliency against the gradient's."""
+    """All directions, and the file against them.
+
+    Attributes
+    ----------
+    map_error : median |S - mean |g|| / max S, the file's S against the gradient as float32 gives it
+    rounding, switched : median and 99th percentile of float32's gradient against float64's, over max |g|
+    """
 
     arithmetic: Arithmetic
     directions: tuple[Direction, ...]
     map_error: float
+    rounding: float = 0.0
+    switched: float = 0.0
 
     @property
     def typical(self) -> float:
@@ -103,7 +114,8 @@ class Agreement:
     @property
     def passed(self) -> bool:
         wanted = self.arithmetic
-        return self.typical <= wanted.typical and self.largest <= wanted.largest and self.map_error <= SAME_MAP
+        exact = self.typical <= wanted.typical and self.largest <= wanted.largest
+        return exact and self.map_error <= SAME_MAP and self.rounding <= ROUNDING and self.switched <= SWITCHED
 
 
 def check(
@@ -129,47 +141,59 @@ def check(
     Agreement
         Over two images of two sizes, one odd where the model takes it.
     """
-    differentiate, _ = open_session(gradient.SerializeToString())
+    differentiate = _in_float32(gradient, GRADIENT, image.name)
     whole, _ = open_session(saliency.SerializeToString())
-    evaluate, arithmetic = _forward(forward, layer, image, sizes)
+    evaluate, exactly, arithmetic = _arithmetic(forward, gradient, layer, image, sizes)
     directions: list[Direction] = []
     map_errors: list[float] = []
+    roundings: list[tuple[float, float]] = []
     for seed, size in enumerate(dict.fromkeys(sizes.near(*size) for size in arithmetic.sizes)):
         pixels = grainy(*size, preprocessing.channels, seed)[None]
-        x = preprocess(pixels, preprocessing, image.layout).astype(np.float32)
-        g = differentiate.run([GRADIENT], {image.name: x})[0].astype(np.float64)
+        x = preprocess(pixels, preprocessing, image.layout).astype(np.float32).astype(np.float64)
+        g, g_exact = differentiate(x), exactly(x)
         if not g.any():
             raise VerificationError(f"{layer!r} has no gradient on a natural image: it is zero everywhere")
         found = whole.run([SALIENCY], {IMAGE: pixels})[0]
         wanted = np.abs(g).mean(axis=image.layout.index("C"))
         map_errors.append(float(np.median(np.abs(found - wanted)) / wanted.max()))
-        directions += _along(evaluate, x.astype(np.float64), g, f"{size[1]}x{size[0]}", arithmetic, seed)
-    return Agreement(arithmetic, tuple(directions), max(map_errors))
+        low, high = np.percentile(np.abs(g - g_exact) / np.abs(g_exact).max(), (50, 99))
+        roundings.append((float(low), float(high)))
+        directions += _along(evaluate, x, g_exact, f"{size[1]}x{size[0]}", arithmetic, seed)
+    rounding, switched = (max(values) for values in zip(*roundings, strict=True))
+    return Agreement(arithmetic, tuple(directions), max(map_errors), rounding, switched)
 
 
-def _forward(
-    model: onnx.ModelProto, layer: str, image: ImageInput, sizes: Sizes
-) -> tuple[Forward, Arithmetic]:
-    """The forward pass in the best arithmetic that can be had for this model."""
+def _in_float32(model: onnx.ModelProto, output: str, image: str) -> Forward:
     session, _ = open_session(model.SerializeToString())
 
-    def in_float32(x: Array64) -> Array64:
-        value: Array = session.run([layer], {image.name: x.astype(np.float32)})[0]
+    def run(x: Array64) -> Array64:
+        value: Array = session.run([output], {image: x.astype(np.float32)})[0]
         return value.astype(np.float64)
 
+    return run
+
+
+def _arithmetic(
+    forward: onnx.ModelProto, gradient: onnx.ModelProto, layer: str, image: ImageInput, sizes: Sizes
+) -> tuple[Forward, Forward, Arithmetic]:
+    """The forward pass and the gradient, in the best arithmetic that can be had for this model."""
+    in_float32 = _in_float32(forward, layer, image.name)
+    lower = in_float32, _in_float32(gradient, GRADIENT, image.name), FLOAT32
     height, width = sizes.near(*FLOAT64.sizes[0])
-    static = Graph(with_sizes(model, image, Sizes(height, width, 1)))
+    static = Graph(with_sizes(forward, image, Sizes(height, width, 1)))
     if sum(node_macs(static, node) for node in static.nodes) > AFFORDABLE:
-        return in_float32, FLOAT32
+        return lower
     shape = [{"N": 1, "C": image.channels, "H": height, "W": width}[axis] for axis in image.layout]
     x = np.random.default_rng(0).standard_normal(shape).astype(np.float32).astype(np.float64)
     try:
-        in_float64 = float64_forward(model, image.name, layer)
+        in_float64 = float64_forward(forward, image.name, layer)
+        exactly = float64_forward(gradient, image.name, GRADIENT)
+        exactly(x)
         found, wanted = in_float64(x), in_float32(x)
     except Exception:  # the evaluator raises whatever its numpy code does, on ops that it takes otherwise
-        return in_float32, FLOAT32
+        return lower
     same = found.shape == wanted.shape and np.abs(found - wanted).max() <= SAME_FORWARD * np.abs(wanted).max()
-    return (in_float64, FLOAT64) if same else (in_float32, FLOAT32)
+    return (in_float64, exactly, FLOAT64) if same else lower
 
 
 def _along(
@@ -235,7 +259,8 @@ def require(agreement: Agreement) -> None:
         raise VerificationError(
             f"the graph's gradient disagrees with central differences of 1/2 ||F||^2:\n{table(agreement)}\nWanted "
             f"are a median error of at most {wanted.typical:g}, each at most {wanted.largest:g}, and S within "
-            f"{SAME_MAP:g} of the gradient's. No file was written."
+            f"{SAME_MAP:g} of the gradient's; float32's rounding may be {ROUNDING:g}, {SWITCHED:g} at 99 % of the "
+            "pixels. No file was written."
         )
 
 
@@ -251,6 +276,11 @@ def table(agreement: Agreement) -> str:
         f"median error {agreement.typical:.1e}, largest {agreement.largest:.1e}; S against mean |gradient| "
         f"{agreement.map_error:.1e} of max S"
     )
+    if agreement.arithmetic is FLOAT64:
+        rows.append(
+            f"float32's gradient against float64's: median {agreement.rounding:.1e} of max |g|, 99 % within "
+            f"{agreement.switched:.1e}"
+        )
     return "\n".join(rows)
 
 
@@ -260,4 +290,6 @@ def parity(agreement: Agreement) -> dict[str, float]:
         "derivative_median_error": agreement.typical,
         "derivative_max_error": agreement.largest,
         "saliency_median_error": agreement.map_error,
+        "float32_median_error": agreement.rounding,
+        "float32_error_of_99_percent": agreement.switched,
     }
