@@ -115,7 +115,9 @@ class Agreement:
     def passed(self) -> bool:
         wanted = self.arithmetic
         exact = self.typical <= wanted.typical and self.largest <= wanted.largest
-        return exact and self.map_error <= SAME_MAP and self.rounding <= ROUNDING and self.switched <= SWITCHED
+        return (
+            exact and self.map_error <= SAME_MAP and self.rounding <= ROUNDING and self.switched <= SWITCHED
+        )
 
 
 def check(

@@ -22,7 +22,8 @@ def float64_forward(model: onnx.ModelProto, image: str, output: str) -> Callable
     evaluator = ReferenceEvaluator(in_double(model), new_ops=STAND_INS)
 
     def forward(x: Array64) -> Array64:
-        return np.asarray(evaluator.run([output], {image: x.astype(np.float64)})[0], np.float64)
+        values: Any = evaluator.run([output], {image: x.astype(np.float64)})
+        return np.asarray(values[0], np.float64)
 
     return forward
 
@@ -63,12 +64,16 @@ class Conv(OpRun):
         dilations: Sequence[int] | None = None, group: int = 1, kernel_shape: Sequence[int] | None = None,
         pads: Sequence[int] | None = None, strides: Sequence[int] | None = None,
     ) -> tuple[Array]:  # fmt: skip
+        del kernel_shape  # the kernel has it
         n = x.ndim - 2
         kernel, steps, gaps = w.shape[2:], strides or [1] * n, dilations or [1] * n
         extent = [(k - 1) * d + 1 for k, d in zip(kernel, gaps, strict=True)]
         begin, end = list((pads or [0] * 2 * n)[:n]), list((pads or [0] * 2 * n)[n:])
         if auto_pad in ("SAME_UPPER", "SAME_LOWER"):
-            lack = [max((-(-h // s) - 1) * s + e - h, 0) for h, s, e in zip(x.shape[2:], steps, extent, strict=True)]
+            lack = [
+                max((-(-h // s) - 1) * s + e - h, 0)
+                for h, s, e in zip(x.shape[2:], steps, extent, strict=True)
+            ]
             small, large = [t // 2 for t in lack], [t - t // 2 for t in lack]
             begin, end = (small, large) if auto_pad == "SAME_UPPER" else (large, small)
         elif auto_pad == "VALID":
@@ -113,7 +118,9 @@ class LRN(OpRun):
 
     op_domain = ""
 
-    def _run(self, x: Array, alpha: float = 1e-4, beta: float = 0.75, bias: float = 1.0, size: int = 1) -> tuple[Array]:
+    def _run(
+        self, x: Array, alpha: float = 1e-4, beta: float = 0.75, bias: float = 1.0, size: int = 1
+    ) -> tuple[Array]:
         before, behind = (size - 1) // 2, math.ceil((size - 1) / 2)
         squares = np.pad(x * x, [(0, 0), (before, behind), *[(0, 0)] * (x.ndim - 2)])
         total = sum(squares[:, i : i + x.shape[1]] for i in range(size))

@@ -16,7 +16,7 @@ TAKES_APART = frozenset({"Reshape", "MatMul", "Gemm", "Shape", "Gather", "Einsum
 
 
 def image_layout(graph: Graph, name: str) -> str:
-    """"NCHW" or "NHWC" of an input of rank 4, told as `find_image_input` does."""
+    """ "NCHW" or "NHWC" of an input of rank 4, told as `find_image_input` does."""
     return layout_of(graph, name, graph.shape(name) or [None] * 4)[0]
 
 

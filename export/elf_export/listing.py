@@ -18,7 +18,9 @@ from .passes import fold_constants
 from .receptive_field import receptive_fields
 
 # What makes no layer of its own: helpers, and the parts that exporters write an activation in.
-NO_LAYERS = frozenset({"Identity", "Cast", "Constant", "Transpose", "Pad", "Slice", "Sigmoid", "HardSigmoid", "Dropout"})
+NO_LAYERS = frozenset(
+    {"Identity", "Cast", "Constant", "Transpose", "Pad", "Slice", "Sigmoid", "HardSigmoid", "Dropout"}
+)
 
 
 def network_table(network: Network) -> str:

@@ -32,7 +32,9 @@ def parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    p.add_argument("--layer", metavar="LAYER", help="the layer F that keypoints come from (--net: the paper's)")
+    p.add_argument(
+        "--layer", metavar="LAYER", help="the layer F that keypoints come from (--net: the paper's)"
+    )
     p.add_argument(
         "--desc", metavar="LAYER[,LAYER...]|none",
         help="layers that describe the keypoints, the first being the default (--net: the paper's)",
@@ -60,9 +62,15 @@ def parser() -> argparse.ArgumentParser:
     onnx.add_argument("--onnx", metavar="FILE", help="a CNN in ONNX's format, from any framework")
     onnx.add_argument("--input", metavar="NAME", help="the image input, where several may be one")
     onnx.add_argument("--color", choices=("bgr", "rgb", "gray"), help="default: rgb, or gray for one channel")
-    onnx.add_argument("--scale", type=number, metavar="S", help="a number or a fraction like 1/255 (default: 1)")
-    onnx.add_argument("--mean", type=numbers, metavar="M[,M,M]", help="per channel, of the scaled pixels (default: 0)")
-    onnx.add_argument("--std", type=numbers, metavar="D[,D,D]", help="per channel, of the scaled pixels (default: 1)")
+    onnx.add_argument(
+        "--scale", type=number, metavar="S", help="a number or a fraction like 1/255 (default: 1)"
+    )
+    onnx.add_argument(
+        "--mean", type=numbers, metavar="M[,M,M]", help="per channel, of the scaled pixels (default: 0)"
+    )
+    onnx.add_argument(
+        "--std", type=numbers, metavar="D[,D,D]", help="per channel, of the scaled pixels (default: 1)"
+    )
     onnx.add_argument("--standardize", action="store_true",
                       help="(I - mean(I)) / std(I) over each image, as in the paper")  # fmt: skip
     return p

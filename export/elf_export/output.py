@@ -55,7 +55,11 @@ def descriptor_specs(
     dims = {value.name: value.type.tensor_type.shape.dim[-1].dim_value for value in model.graph.output}
     return tuple(
         DescriptorSpec(
-            descriptor_output(name), name, dims[descriptor_output(name)], fields[name].stride, fields[name].offset
+            descriptor_output(name),
+            name,
+            dims[descriptor_output(name)],
+            fields[name].stride,
+            fields[name].offset,
         )
         for name in layers
     )

@@ -11,7 +11,9 @@ from .adjoint.geometry import window_of
 from .adjoint.registry import Context
 from .graph import Graph
 
-GLOBAL = frozenset({"GlobalAveragePool", "GlobalMaxPool", "GlobalLpPool", "MatMul", "Gemm", "Softmax", "LSTM", "GRU"})
+GLOBAL = frozenset(
+    {"GlobalAveragePool", "GlobalMaxPool", "GlobalLpPool", "MatMul", "Gemm", "Softmax", "LSTM", "GRU"}
+)
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,9 @@ def receptive_fields(graph: Graph, image: str) -> dict[str, Field]:
 
 def _windowed(graph: Graph, node: onnx.NodeProto, before: Field) -> Field:
     context = Context(graph, node)
-    kernel = context.attrs.get("kernel_shape") or [int(d or 1) for d in (graph.shape(node.input[1]) or [])[2:]]
+    kernel = context.attrs.get("kernel_shape") or [
+        int(d or 1) for d in (graph.shape(node.input[1]) or [])[2:]
+    ]
     window = window_of(context, kernel)
     extent, stride = window.extent[-1], window.strides[-1]
     if window.begin is not None:
@@ -80,7 +84,9 @@ def _windowed(graph: Graph, node: onnx.NodeProto, before: Field) -> Field:
 def _transposed(graph: Graph, node: onnx.NodeProto, before: Field) -> Field:
     """Cell x goes to the outputs around s x + (e - 1) / 2 - p, of which each sees ceil(e / s) cells."""
     context = Context(graph, node)
-    kernel = context.attrs.get("kernel_shape") or [int(d or 1) for d in (graph.shape(node.input[1]) or [])[2:]]
+    kernel = context.attrs.get("kernel_shape") or [
+        int(d or 1) for d in (graph.shape(node.input[1]) or [])[2:]
+    ]
     window = window_of(context, kernel)
     extent, stride = window.extent[-1], window.strides[-1]
     begin = window.begin[-1] if window.begin is not None else max(extent - stride, 0) // 2

@@ -127,10 +127,14 @@ def _descriptor_outputs(
     for name in descriptors:
         if name not in axes:
             shape = graph.shape(name)
-            raise LayerError(f"{name!r} can't describe keypoints: it is no map (N, D, h, w) of the image, but {shape}")
+            raise LayerError(
+                f"{name!r} can't describe keypoints: it is no map (N, D, h, w) of the image, but {shape}"
+            )
         out = descriptor_output(name)
         if any(value.name == out for value in outputs):
-            raise LayerError(f"two descriptor layers would both be the output {out!r}; export them one by one")
+            raise LayerError(
+                f"two descriptor layers would both be the output {out!r}; export them one by one"
+            )
         perm = [axes[name].index(a) for a in "NHWC"]
         dim = (graph.shape(name) or [None] * 4)[perm[3]]
         graph.op("Transpose", name, name=f"descriptors/{name}", outputs=[out], perm=perm)
@@ -161,7 +165,9 @@ def only_image_input(graph: Graph) -> str:
     LayerError
         If there is none, or several.
     """
-    found = [v.name for v in graph.model.graph.input if graph.rank(v.name) == 4 and not graph.is_constant(v.name)]
+    found = [
+        v.name for v in graph.model.graph.input if graph.rank(v.name) == 4 and not graph.is_constant(v.name)
+    ]
     if len(found) != 1:
         names = [v.name for v in graph.model.graph.input]
         raise LayerError(f"which input is the image? The model takes {names}; name it")

@@ -281,6 +281,12 @@ def positive(rng: np.random.Generator, shape: Sequence[int]) -> Array:
     return rng.random(shape) * 2 + 0.5
 
 
+def apart(rng: np.random.Generator, shape: Sequence[int]) -> Array:
+    """Draws 0.1 apart from one another and from 0: float32 differences step over no kink."""
+    values = 0.1 * np.arange(1, 1 + np.prod(shape)) * rng.choice([-1, 1], int(np.prod(shape)))
+    return np.asarray(rng.permutation(values).reshape(shape))
+
+
 def wide(rng: np.random.Generator, shape: Sequence[int]) -> Array:
     """Draws of standard deviation 4: both ends of activations that saturate."""
     return rng.standard_normal(shape) * 4

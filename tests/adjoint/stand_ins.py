@@ -1,7 +1,8 @@
 """Float64 stand-ins for ops that ONNX's reference evaluator gets wrong, all of them written in torch.
 
 Erf, Gelu, LRN and GroupNormalization come out in single precision; ConvTranspose with groups raises, as do a
-Mean whose first input is broadcast and a Dropout with all three inputs.
+Mean whose first input is broadcast and a Dropout with all three inputs; LpNormalization with p = 1 forgets
+the absolute value.
 """
 
 from __future__ import annotations
@@ -48,6 +49,13 @@ class Dropout(OpRun):
         assert training is None or not training
         del ratio, seed
         return (x, np.ones(x.shape, bool))[: len(self.onnx_node.output)]
+
+
+class LpNormalization(OpRun):
+    op_domain = ""
+
+    def _run(self, x: Array, axis: int = -1, p: int = 2) -> tuple[Array]:
+        return (x / np.linalg.norm(x, p, axis, keepdims=True),)
 
 
 class LRN(OpRun):
@@ -124,4 +132,4 @@ def local_response(x: torch.Tensor, size: int, alpha: float, beta: float, bias: 
     return x / (bias + alpha / size * total) ** beta
 
 
-STAND_INS = [Erf, Gelu, Mean, Dropout, LRN, GroupNormalization, ConvTranspose]
+STAND_INS = [Erf, Gelu, Mean, Dropout, LpNormalization, LRN, GroupNormalization, ConvTranspose]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import logging
+import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +17,7 @@ from elf_export.adjoint import build_adjoint
 from elf_export.errors import UnsupportedGraphError
 from elf_export.graph import Graph
 
+from . import test_networks
 from .oracles import assert_standard, one_graph, run_ort, run_reference, with_adjoint
 
 pytestmark = pytest.mark.torch
@@ -104,3 +108,43 @@ def test_a_scale_that_is_computed_is_reported() -> None:
     with pytest.raises(UnsupportedGraphError) as caught:
         build_adjoint(Graph(model), "y", "x")
     assert [n.name for n in caught.value.nodes] == ["node", "node_back"]
+
+
+def test_a_network_that_onnx_runtime_quantised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its Relus are gone: the saturation of unsigned integers has taken their place."""
+    monkeypatch.setattr(logging.root, "level", logging.ERROR)
+    x = np.random.default_rng(0).standard_normal((1, 3, 48, 64)).astype(np.float32)
+    torch.manual_seed(0)
+    plain = test_networks.exported(test_networks.Residual().eval(), 17)
+    before, after = str(tmp_path / "plain.onnx"), str(tmp_path / "quantised.onnx")
+    onnx.save(plain, before)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from onnxruntime import quantization
+
+        class Once(quantization.CalibrationDataReader):  # type: ignore[misc]
+            def __init__(self) -> None:
+                self.left = [{"x": x}]
+
+            def get_next(self) -> dict[str, Any] | None:
+                return self.left.pop() if self.left else None
+
+        quantization.quantize_static(
+            before,
+            after,
+            Once(),
+            quant_format=quantization.QuantFormat.QDQ,
+            per_channel=True,
+            activation_type=quantization.QuantType.QUInt8,
+            weight_type=quantization.QuantType.QInt8,
+        )
+    quantised = onnx.load(after)
+    assert "Relu" not in {node.op_type for node in quantised.graph.node}
+    maps = []
+    for model in (plain, quantised):
+        graph = Graph(model)
+        gradient = build_adjoint(graph, "y", "x")
+        graph.op("Identity", gradient, name="result", outputs=["dx"])
+        graph.model.graph.output.append(helper.make_tensor_value_info("dx", 1, ["N", 3, "H", "W"]))
+        maps.append(run_ort(graph.model, {"x": x})[1].ravel())
+    assert np.corrcoef(*maps)[0, 1] > 0.98

@@ -60,12 +60,12 @@ def zoom(mode: str, size: tuple[int, int], align: bool | None = None) -> Any:
     return lambda x: F.interpolate(x, size=size, mode=mode, align_corners=align)
 
 
-# Where output i of k lies in an input of d pixels, at scale s: ONNX's formulas, in float32 as the runtime has them.
+# Where output i of k lies in an input of d pixels, at scale s: ONNX's formulas, in the runtime's float32.
 PLACES: dict[str, Any] = {
-    "asymmetric": lambda i, k, d, s: i / s,
-    "half_pixel": lambda i, k, d, s: (i + 0.5) / s - 0.5,
-    "tf_half_pixel_for_nn": lambda i, k, d, s: (i + 0.5) / s,
-    "align_corners": lambda i, k, d, s: i * (d - 1) / (k - 1),
+    "asymmetric": lambda i, _k, _d, s: i / s,
+    "half_pixel": lambda i, _k, _d, s: (i + 0.5) / s - 0.5,
+    "tf_half_pixel_for_nn": lambda i, _k, _d, s: (i + 0.5) / s,
+    "align_corners": lambda i, k, d, _s: i * (d - 1) / (k - 1),
     "half_pixel_symmetric": lambda i, k, d, s: d / 2 * (1 - k / (s * d)) + (i + 0.5) / s - 0.5,
 }
 ROUNDINGS: dict[str, Any] = {
@@ -176,7 +176,7 @@ CASES = [
         sampled((1.7, 0.7), PLACES["tf_half_pixel_for_nn"], "floor"),
         {"coordinate_transformation_mode": "tf_half_pixel_for_nn", "nearest_mode": "floor"},
         opsets=(11, 12),
-        reference_from=NEVER,
+        reference_from=NEVER,  # unknown to the reference evaluator
     ),
     sizes("sizes_computed", (7, 9), zoom("bilinear", (7, 9), False), {"mode": "linear"}, computed=("s",)),
 ]

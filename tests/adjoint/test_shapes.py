@@ -44,7 +44,16 @@ CASES = [
         SHAPE,
         lambda x: x * 1,
         {"to": TensorProto.FLOAT},
-        reference_from=NEVER,
+        reference_from=NEVER,  # it casts to float32 in any model
+        linear=True,
+    ),
+    Case(
+        "cast_like",
+        "CastLike",
+        SHAPE,
+        lambda x, _l: x * 1,
+        constants={"l": np.zeros(1)},
+        opsets=(15, 19, 20),
         linear=True,
     ),
     Case(

@@ -89,7 +89,7 @@ def _trace(graph: Graph, source: str, target: str) -> tuple[list[onnx.NodeProto]
     able, reached = _reach(graph, source)
     live, path = {target} & reached, []
     for node in reversed(able):
-        if live.intersection(node.output) and node.output[0] != source:
+        if live.intersection(node.output) and source not in node.output:
             path.append(node)
             live.update(reached.intersection((*node.input, *captured(node))))
     return path[::-1], live

@@ -89,7 +89,9 @@ class Sizes:
         growth = pads[axis] + pads[axis + n] - span
         if stride == 1:
             return plus(size, growth)
-        return ("steps", size, growth, stride, bool(a.get("ceil_mode", 0)))
+        # Rounding up drops a window that starts behind the pixels: the padding in front counts too.
+        up = pads[axis] if a.get("ceil_mode", 0) else None
+        return ("steps", size, growth, stride, up)
 
 
 def plus(size: Hashable, growth: int) -> Hashable:

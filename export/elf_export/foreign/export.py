@@ -13,17 +13,25 @@ from pathlib import Path
 import numpy as np
 import onnx
 
-from elf_runtime import DescriptorSpec, DetectionParams, InputSpec, ModelContract, WeightsSpec
+from elf_export import differences
+from elf_export.errors import ExportError, LayerError
+from elf_export.graph import Graph
+from elf_export.output import (
+    ExportResult,
+    check_opset,
+    check_output,
+    cost_of,
+    descriptor_specs,
+    versions,
+    write,
+)
+from elf_export.passes import convert_opset, cut, opset_of, single_precision
+from elf_export.preprocessing import Preprocessing
+from elf_export.receptive_field import Field, receptive_fields
+from elf_export.saliency import build_gradient, build_saliency, descriptor_output
+from elf_runtime import DetectionParams, InputSpec, ModelContract, WeightsSpec
 from elf_runtime.session import open_session
 
-from .. import differences
-from ..errors import ExportError, LayerError
-from ..graph import Graph
-from ..output import ExportResult, check_output, check_opset, cost_of, descriptor_specs, versions, write
-from ..passes import convert_opset, cut, opset_of, single_precision
-from ..preprocessing import Preprocessing
-from ..receptive_field import Field, receptive_fields
-from ..saliency import build_gradient, build_saliency, descriptor_output
 from .free_sizes import Sizes, free_sizes
 from .image_input import ImageInput, find_image_input
 from .layers import resolve_layer
@@ -69,7 +77,9 @@ def prepare(
         raise LayerError(f"{', '.join(map(repr, names))} does not depend on the image {image.name!r}")
     if inputs != [image.name]:
         others = ", ".join(repr(name) for name in inputs if name != image.name)
-        raise LayerError(f"the layer needs more inputs than the image: {others}; choose one before they come in")
+        raise LayerError(
+            f"the layer needs more inputs than the image: {others}; choose one before they come in"
+        )
     trunk = convert_opset(single_precision(trunk, [image.name]), opset)
     trunk, sizes = free_sizes(trunk, image)
     return Source(trunk, image, sizes, names)
@@ -138,7 +148,15 @@ def export_onnx(
     log(differences.table(agreement))
 
     fields = measured_fields(saliency, source, settings, described)
-    arguments = ["elf-export", "--onnx", Path(file).name, "--layer", name, "--desc", ",".join(described) or "none"]
+    arguments = [
+        "elf-export",
+        "--onnx",
+        Path(file).name,
+        "--layer",
+        name,
+        "--desc",
+        ",".join(described) or "none",
+    ]
     sizes = source.sizes
     contract = ModelContract(
         network=Path(file).stem,

@@ -10,7 +10,8 @@ import numpy.typing as npt
 import onnx
 import onnxruntime as ort
 
-from ..errors import ExportError
+from elf_export.errors import ExportError
+
 from .image_input import ImageInput
 
 MULTIPLES = (1, 2, 4, 8, 16, 32, 64)
@@ -51,7 +52,9 @@ class Sizes:
         if self.height and self.width:
             size = f"{self.width}x{self.height} only"
         elif self.height or self.width:
-            size = f"{'height' if self.height else 'width'} {self.height or self.width} only, the other is free"
+            size = (
+                f"{'height' if self.height else 'width'} {self.height or self.width} only, the other is free"
+            )
         else:
             size = "any" if self.multiple == 1 else f"multiples of {self.multiple}"
             size += f" from {self.min_size}x{self.min_size}"

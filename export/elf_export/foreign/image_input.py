@@ -7,11 +7,17 @@ from dataclasses import dataclass
 import onnx
 from onnx import TensorProto
 
-from ..errors import ExportError
-from ..graph import Graph
-from ..layout import COLOR_CHANNELS, layout_of, static_size
+from elf_export.errors import ExportError
+from elf_export.graph import Graph
+from elf_export.layout import COLOR_CHANNELS, layout_of, static_size
 
-PIXEL_TYPES = (TensorProto.FLOAT, TensorProto.FLOAT16, TensorProto.BFLOAT16, TensorProto.DOUBLE, TensorProto.UINT8)
+PIXEL_TYPES = (
+    TensorProto.FLOAT,
+    TensorProto.FLOAT16,
+    TensorProto.BFLOAT16,
+    TensorProto.DOUBLE,
+    TensorProto.UINT8,
+)
 
 
 @dataclass(frozen=True)
@@ -66,9 +72,12 @@ def find_image_input(model: onnx.ModelProto, name: str | None = None) -> ImageIn
         return images[0]
     if images:
         names = ", ".join(image.name for image in images)
-        raise ExportError(f"several inputs may be the image: {names}; name it with --input.  The model takes\n{listing}")
+        raise ExportError(
+            f"several inputs may be the image: {names}; name it with --input.  The model takes\n{listing}"
+        )
     raise ExportError(
-        "no input looks like an image, (N, C, H, W) or (N, H, W, C) with 1 or 3 channels.  The model takes\n" + listing
+        "no input looks like an image, (N, C, H, W) or (N, H, W, C) with 1 or 3 channels.  The model takes\n"
+        + listing
     )
 
 
@@ -85,5 +94,9 @@ def _as_image(graph: Graph, name: str) -> ImageInput | None:
 
 def _described(graph: Graph, name: str) -> str:
     shape = graph.shape(name)
-    dims = "of unknown rank" if shape is None else "(" + ", ".join("?" if d is None else str(d) for d in shape) + ")"
+    dims = (
+        "of unknown rank"
+        if shape is None
+        else "(" + ", ".join("?" if d is None else str(d) for d in shape) + ")"
+    )
     return f"{TensorProto.DataType.Name(graph.elem_type(name)).lower()} {dims}"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import onnx
 
-from ..errors import LayerError
+from elf_export.errors import LayerError
 
 SHOWN = 8  # near matches in a message
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import os
 
-from ..errors import ExportError
-from ..listing import layer_table
-from ..passes import convert_opset, single_precision
+from elf_export.errors import ExportError
+from elf_export.listing import layer_table
+from elf_export.passes import convert_opset, single_precision
+
 from .free_sizes import Sizes, with_sizes
 from .image_input import find_image_input
 from .load import load_model

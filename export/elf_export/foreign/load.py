@@ -6,11 +6,11 @@ import os
 from pathlib import Path
 
 import onnx
-from google.protobuf.message import DecodeError
+from google.protobuf.message import DecodeError  # type: ignore[import-untyped]
 from onnx import inliner
 
-from ..errors import ExportError
-from ..graph import nested_graphs
+from elf_export.errors import ExportError
+from elf_export.graph import nested_graphs
 
 
 def load_model(path: str | os.PathLike[str]) -> onnx.ModelProto:
