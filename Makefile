@@ -35,16 +35,18 @@ models: $(FULL)/ready
 	$(FULL)/bin/python tools/make_bundled_model.py
 
 $(RUNTIME)/ready: pyproject.toml constraints.txt
-	$(PYTHON) -m venv $(RUNTIME)
-	$(RUNTIME)/bin/python $(PIP) --editable . pytest hypothesis
-	touch $@
+	@echo "Setting up $(RUNTIME), once"
+	@$(PYTHON) -m venv $(RUNTIME)
+	@$(RUNTIME)/bin/python $(PIP) --editable . pytest hypothesis
+	@touch $@
 
-# torch first: the pinned release is the CPU build, and what is installed then satisfies the rest.
+# torch first: whichever build the package index gives (the CPU one is enough) satisfies the rest.
 $(FULL)/ready: pyproject.toml constraints.txt
-	$(PYTHON) -m venv $(FULL)
-	$(FULL)/bin/python $(PIP) torch
-	$(FULL)/bin/python $(PIP) --editable ".[dev]"
-	touch $@
+	@echo "Setting up $(FULL), once; torch is large"
+	@$(PYTHON) -m venv $(FULL)
+	@$(FULL)/bin/python $(PIP) torch
+	@$(FULL)/bin/python $(PIP) --editable ".[dev]"
+	@touch $@
 
 clean:
 	rm -rf .venv out

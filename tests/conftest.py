@@ -7,6 +7,7 @@ import importlib.util
 import numpy as np
 import numpy.typing as npt
 import pytest
+
 from helpers import textured
 
 NEEDS_TORCH = ("export", "adjoint")

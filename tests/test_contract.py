@@ -7,7 +7,14 @@ from dataclasses import dataclass
 
 import pytest
 
-from elf_runtime import ContractError, DescriptorSpec, DetectionParams, ModelContract, SettingError, WeightsSpec
+from elf_runtime import (
+    ContractError,
+    DescriptorSpec,
+    DetectionParams,
+    ModelContract,
+    SettingError,
+    WeightsSpec,
+)
 
 CONTRACT = ModelContract(
     network="vgg",
@@ -113,7 +120,7 @@ def test_tensors_that_disagree_are_refused(inputs: list[Tensor], outputs: list[T
 def test_descriptor_by_layer() -> None:
     assert CONTRACT.descriptor() == CONTRACT.descriptor("pool4") == CONTRACT.descriptors[0]
     assert ModelContract("vgg", "pool2", 4.0).descriptor() is None
-    with pytest.raises(SettingError, match="no descriptor layer 'pool9'.*pool4"):
+    with pytest.raises(SettingError, match=r"no descriptor layer 'pool9'.*pool4"):
         CONTRACT.descriptor("pool9")
 
 

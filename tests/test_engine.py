@@ -9,7 +9,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from helpers import TINY, textured
 
 from elf_runtime import (
     ContractError,
@@ -21,6 +20,7 @@ from elf_runtime import (
     SettingError,
     match,
 )
+from helpers import TINY, textured
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +110,7 @@ def test_presets_change_the_settings(elf: ElfRuntime, image: np.ndarray) -> None
     assert elf.params("paper", scale=0.5).scale == 0.5
     assert elf.params("paper-robust").threshold_blur == (17, 6.0)
     elf.detect(image, preset="paper")
-    with pytest.raises(SettingError, match="unknown preset 'fastest'.*paper"):
+    with pytest.raises(SettingError, match=r"unknown preset 'fastest'.*paper"):
         elf.detect(image, preset="fastest")
     with pytest.raises(SettingError, match="unknown detection setting 'radius'"):
         elf.detect(image, radius=3)
@@ -183,9 +183,7 @@ def test_threads_share_one_instance(elf: ElfRuntime) -> None:
     wrong: list[int] = []
 
     def work(k: int) -> None:
-        for _ in range(5):
-            if not same(elf.detect(images[k]), wanted[k]):
-                wrong.append(k)
+        wrong.extend(k for _ in range(5) if not same(elf.detect(images[k]), wanted[k]))
 
     workers = [threading.Thread(target=work, args=(k,)) for k in range(4)]
     for w in workers:
@@ -193,6 +191,19 @@ def test_threads_share_one_instance(elf: ElfRuntime) -> None:
     for w in workers:
         w.join()
     assert not wrong
+
+
+def test_a_session_for_each_size_changes_nothing_and_is_bounded(image: np.ndarray) -> None:
+    one, none = ElfRuntime(TINY, threads=1, sizes=2), ElfRuntime(TINY, threads=1, sizes=0)
+    for k in range(5):
+        part = image[: 60 + 10 * k, : 90 + k]
+        assert np.allclose(one.saliency(part), none.saliency(part), rtol=0, atol=1e-4)
+        assert same(one.detect(part, border=4), none.detect(part, border=4), 1e-3)
+        assert len(one._sessions) <= 4  # two sizes for each of two sets of outputs
+        assert len(none._sessions) <= 2
+    for sizes in (-1, True, 1.5):
+        with pytest.raises(SettingError, match="sizes"):
+            ElfRuntime(TINY, sizes=sizes)  # type: ignore[arg-type]
 
 
 def test_warmup_and_trace(elf: ElfRuntime, image: np.ndarray) -> None:

@@ -7,10 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from helpers import textured
 
 from elf_runtime import ImageError, InputSpec
 from elf_runtime.image import is_flat, read, resized, to_mask, to_pixels
+from helpers import textured
 
 BGR = InputSpec()
 

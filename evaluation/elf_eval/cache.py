@@ -15,7 +15,7 @@ import numpy as np
 from .features import LocalFeatures
 from .geometry import Float, Size
 from .images import ImageRef
-from .methods import Method
+from .methods import Composed, Method
 from .protocol import Protocol
 
 _SCHEMA = 1
@@ -78,18 +78,25 @@ class FeatureCache:
         path = self.path(method.fingerprint, ref, protocol)
         found = load(path) if method.cacheable else None
         if found is None:
-            found = extract(method, ref, protocol)
+            # A detector is run once for all the descriptors that it is combined with.
+            detected = self.get(method.detector, ref, protocol)[1] if isinstance(method, Composed) else None
+            found = extract(method, ref, protocol, detected)
             save(path, found)
         return path, found
 
 
-def extract(method: Method, ref: ImageRef, protocol: Protocol) -> Extracted:
-    """Run `method` on an image."""
+def extract(
+    method: Method, ref: ImageRef, protocol: Protocol, detected: Extracted | None = None
+) -> Extracted:
+    """Run `method` on an image, or let it describe what another has `detected` there."""
     image = ref.open(protocol.size)
     size, to_working = image.size, image.to_working  # decodes: that is not the method's time
     start = perf_counter()
-    features = method.extract(image, protocol.max_keypoints)
-    return Extracted(features, size, to_working, perf_counter() - start)
+    if detected is None:
+        features, before = method.extract(image, protocol.max_keypoints), 0.0
+    else:
+        features, before = method.describe(image, detected.features), detected.seconds
+    return Extracted(features, size, to_working, before + perf_counter() - start)
 
 
 def load(path: Path) -> Extracted | None:

@@ -46,8 +46,11 @@ def compare(
     Raises
     ------
     EvalError
-        If there is nothing that both have.
+        If there is nothing that both have, or a metric is an error: those have no value where nothing was
+        found, so that their means would reward failure.
     """
+    if errors := [m for m in metrics if m.endswith("_error")]:
+        raise EvalError(f"{errors} can't be averaged, failures have none; compare h_auc@... or pose_auc@...")
     found = list(_comparisons(a, b, metrics, methods, unit))
     if not found:
         names = [sorted({p.method for p in r.pairs}) for r in (a, b)]
@@ -119,7 +122,7 @@ def table(comparisons: list[Comparison]) -> str:
 
 
 def is_share(metric: str) -> bool:
-    """Whether a metric is a share in [0, 1], of which more is better; the others are counts and errors."""
+    """Whether a metric is a share in [0, 1], of which more is better; the others are counts."""
     return metric in ("rep", "ms") or "@" in metric
 
 
@@ -128,6 +131,6 @@ def verdict(c: Comparison) -> str:
     if c.difference.is_noise:
         return "noise"
     up = c.difference.mean > 0
-    if is_share(c.metric) or c.metric.endswith("_error"):
-        return "better" if up == is_share(c.metric) else "worse"
+    if is_share(c.metric):
+        return "better" if up else "worse"
     return "more" if up else "fewer"

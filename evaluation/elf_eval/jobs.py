@@ -12,12 +12,14 @@ from typing import TypeVar
 
 import cv2
 
+from elf_runtime import ElfError
+
 from .cache import Extracted, FeatureCache, load
 from .datasets import Pair
 from .errors import EvalError
 from .images import ImageRef
 from .methods import Method, open_methods
-from .pair_metrics import pair_metrics
+from .pair_metrics import Record, pair_metrics
 from .protocol import Protocol
 from .results import rounded
 
@@ -69,12 +71,12 @@ def run_extract(job: ExtractJob) -> ExtractDone:
         _open[key] = open_methods(*key)
     try:
         path, found = FeatureCache(job.cache).get(_open[key], job.ref, job.protocol)
-    except EvalError as error:
+    except (EvalError, ElfError) as error:
         raise EvalError(f"{job.ref.name}: {error}") from error
     return ExtractDone(path, found.digest(), len(found.features), found.seconds)
 
 
-def run_pair(job: PairJob) -> dict[str, float | None]:
+def run_pair(job: PairJob) -> Record:
     """The pair's metrics, from the cached features alone."""
     first, second = (_limited(p, n) for p, n in zip((job.first, job.second), job.limits, strict=True))
     try:

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from . import metrics, pair_metrics, truth
-from .datasets import Dataset, Pair, open_dataset
+from .datasets import Dataset, open_dataset
 from .errors import EvalError
 from .images import ImageRef
-from .jobs import ExtractDone, ExtractJob, PairJob, run_all, run_extract, run_pair
+from .jobs import ExtractJob, run_all, run_extract, run_pair
 from .methods import open_methods
-from .methods.base import code_digest
+from .pair_log import PairLog
 from .progress import Progress
+from .protocol import Protocol
 from .results import PairResult, Results, now, versions
+from .rows import Features, rows
 from .suite import MethodEntry, Suite
-
-Features = dict[tuple[str, ImageRef], ExtractDone]
 
 
 @dataclass(frozen=True)
@@ -69,11 +68,10 @@ def run(
     refs = list(dict.fromkeys(ref for _, dataset in datasets for ref in dataset.images()))
     features = _extract(suite, [entry for entry, _ in methods], refs, resources)
     pairs: list[PairResult] = []
-    done = _read_log(log)
+    finished = PairLog(log)
+    names = [entry.name for entry, _ in methods]
     for entry, dataset in datasets:
-        pairs += _evaluate(
-            suite, entry.name, dataset, [m for m, _ in methods], features, resources, done, log
-        )
+        pairs += _evaluate(suite.protocol, entry.name, dataset, names, features, resources, finished)
     return Results(
         protocol=suite.protocol.to_dict(),
         methods=[_about(entry, print_, features) for entry, print_ in methods],
@@ -126,36 +124,21 @@ def _extract(
     return features
 
 
-@dataclass(frozen=True)
-class _Row:
-    """A line of the results that is still to be filled in."""
-
-    pair: Pair
-    method: str
-    counts: str
-    job: PairJob
-    key: str
-
-
 def _evaluate(
-    suite: Suite,
+    protocol: Protocol,
     name: str,
     dataset: Dataset,
-    methods: list[MethodEntry],
+    methods: list[str],
     features: Features,
     resources: Resources,
-    done: dict[str, Any],
-    log: Path | None,
+    log: PairLog,
 ) -> list[PairResult]:
-    rows = list(_rows(suite, dataset, [m.name for m in methods], features))
-    open_rows = [row for row in rows if row.key not in done]
-    progress = Progress(f"pairs of {name}", len(open_rows), quiet=resources.quiet)
-    results = run_all(run_pair, [row.job for row in open_rows], resources.workers, resources.threads)
-    for row, values in zip(open_rows, results, strict=True):
-        done[row.key] = values
-        if log is not None:
-            with open(log, "a") as file:
-                file.write(json.dumps([row.key, values]) + "\n")
+    wanted = list(rows(protocol, dataset, methods, features))
+    missing = [row for row in wanted if row.key not in log.done]
+    progress = Progress(f"pairs of {name}", len(missing), quiet=resources.quiet)
+    results = run_all(run_pair, [row.job for row in missing], resources.workers, resources.threads)
+    for row, values in zip(missing, results, strict=True):
+        log.add(row.key, values)
         progress.step(f"{row.method}: {row.pair.name}")
     return [
         PairResult(
@@ -166,45 +149,10 @@ def _evaluate(
             row.method,
             row.counts,
             row.pair.parameter,
-            done[row.key],
+            log.done[row.key],
         )
-        for row in rows
+        for row in wanted
     ]
-
-
-def _rows(suite: Suite, dataset: Dataset, methods: list[str], features: Features) -> Iterator[_Row]:
-    protocol = suite.protocol
-    code = code_digest(pair_metrics.__file__, truth.__file__, *Path(metrics.__path__[0]).glob("*.py"))
-    settings = json.dumps([protocol.to_dict() | {"counts": None}, code])
-    for pair in dataset.pairs:
-        images = (pair.first, pair.second)
-        for counts in protocol.counts:
-            for method in methods:
-                found = [features[method, ref] for ref in images]
-                limits = [
-                    min(features[m, ref].count for m in methods)
-                    if counts == "equal"
-                    else protocol.max_keypoints
-                    for ref in images
-                ]
-                job = PairJob(found[0].path, found[1].path, (limits[0], limits[1]), pair, protocol)
-                parts = [settings, found[0].digest, found[1].digest, limits, pair.truth.identity()]
-                key = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
-                yield _Row(pair, method, counts, job, key)
-
-
-def _read_log(log: Path | None) -> dict[str, Any]:
-    """Finished pairs by key; a line that an interruption cut short is left out."""
-    done: dict[str, Any] = {}
-    if log is None or not log.exists():
-        return done
-    for line in log.read_text().splitlines():
-        try:
-            key, values = json.loads(line)
-        except ValueError:
-            continue
-        done[key] = values
-    return done
 
 
 def _about(entry: MethodEntry, fingerprint: str, features: Features) -> dict[str, Any]:

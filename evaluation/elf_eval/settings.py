@@ -28,6 +28,7 @@ CONVERTERS: Mapping[str, Callable[[str], Any]] = MappingProxyType(
         "border": int,
         "scale": float,
         "quantize": boolean,
+        "subpixel": boolean,
         "normalize": float,
     }
 )

@@ -29,7 +29,7 @@ def export_network(
     force: bool = False,
     offline: bool = False,
     detection: DetectionParams | None = None,
-    log: Callable[[str], None] = lambda text: None,
+    log: Callable[[str], None] = lambda _: None,
 ) -> ExportResult:
     """Export a named network as an ELF model.
 

@@ -6,7 +6,7 @@ import io
 import logging
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import onnx
 
@@ -33,7 +33,7 @@ def torch_to_onnx(
     import torch
 
     example = torch.zeros(2, channels, 64, 96)
-    buffer = io.BytesIO()
+    buffer: Any = io.BytesIO()  # torch's annotation knows of paths only
     axes = {NETWORK_INPUT: {0: "N", 2: "H", 3: "W"}}
     for layer in layers:
         axes[layer] = {0: "N", 2: f"h_{layer}", 3: f"w_{layer}"}

@@ -219,7 +219,7 @@ class ModelContract:
                 f"the graph takes {inputs[0].type} {shape}. {hint}"
             )
         by_name = {tensor.name: tensor for tensor in outputs}
-        wanted = [("saliency_output", self.saliency_output, 3, None)]
+        wanted: list[tuple[str, str, int, int | None]] = [("saliency_output", self.saliency_output, 3, None)]
         wanted += [("descriptors", d.output, 4, d.dim) for d in self.descriptors]
         for key, name, rank, dim in wanted:
             tensor = by_name.get(name)
@@ -283,7 +283,7 @@ def _typed(cls: type, value: dict[str, Any]) -> dict[str, Any]:
     for key, kind in get_type_hints(cls).items():
         if key in known:
             found = known[key]
-            fits = isinstance(found, (int, float)) and not isinstance(found, bool) if kind is float else isinstance(found, kind)
-            if not fits:
+            fits = isinstance(found, (int, float) if kind is float else kind)
+            if not fits or (kind is float and isinstance(found, bool)):
                 raise TypeError(f"{key} should be {kind.__name__}, found {found!r}")
     return known

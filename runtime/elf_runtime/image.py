@@ -138,4 +138,4 @@ def to_mask(mask: Any, size: tuple[int, int], working: tuple[int, int]) -> npt.N
     allowed = (array != 0).astype(np.uint8)
     if size != working:
         allowed = cv2.resize(allowed, working[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
-    return np.asarray(allowed) != 0
+    return np.asarray(allowed).astype(np.bool_)

@@ -1,7 +1,8 @@
 """Detection settings, and the presets that name the useful ones.
 
 Blurs are ``(mu, sigma)``: a ``mu x mu`` Gaussian window (mu odd) of standard deviation sigma, as in the
-paper's tables.  All lengths are in pixels of the working image: the source image times `scale`.
+paper's tables, in pixels of the working image: the source image times `scale`.  `nms_radius` and `border` are
+in pixels of the source image, whatever the scale; `max_keypoints` counts.
 """
 
 from __future__ import annotations
@@ -22,14 +23,14 @@ class DetectionParams:
     Attributes
     ----------
     denoise, threshold_blur : (mu, sigma)
-        Gaussian blur of the saliency before the maxima are sought, and before the threshold is chosen.
+        Gaussian blur of the saliency before the maxima are sought, and before the level is chosen.
         ``mu = 1`` is no blur.
     threshold : "kapur", "none" or float
         Kapur's maximum-entropy level, no threshold, or a fixed level as a fraction of the normalised saliency.
     nms_radius : int
-        A keypoint suppresses all weaker ones in the square window of ``2 * nms_radius + 1`` pixels around it.
+        A keypoint suppresses all weaker ones in the square window of ``2 * nms_radius + 1`` source pixels.
     border : int
-        Pixels along each edge where no keypoint is taken.
+        Source pixels along each edge where no keypoint is taken.
     max_keypoints : int
         The strongest that many are kept.
     scale : float
@@ -37,8 +38,10 @@ class DetectionParams:
     quantize : bool
         Round the normalised saliency to 8 bits before the blurs, as the paper does.
     normalize : float
-        The saliency is divided by this quantile of itself and clipped to 1 (1.0 = by its maximum, as the paper
-        does; 0.99 keeps one outlier from squashing the histogram that the threshold is chosen from).
+        The level is chosen from the saliency divided by this quantile of itself and cut off at 1: 1.0 divides by
+        the maximum, as the paper does; 0.95 keeps one outlier from squashing the histogram.
+    subpixel : bool
+        Place each keypoint at the top of a parabola through its score and its neighbours', along x and y.
     """
 
     denoise: Blur = (5, 5.0)
@@ -50,6 +53,7 @@ class DetectionParams:
     scale: float = 1.0
     quantize: bool = False
     normalize: float = 1.0
+    subpixel: bool = False
 
     def __post_init__(self) -> None:
         for name in ("denoise", "threshold_blur"):
@@ -71,8 +75,9 @@ class DetectionParams:
             raise SettingError(f"scale is a number in (0, 8], not {self.scale!r}")
         if not _is_number(self.normalize) or not 0.0 < self.normalize <= 1.0:
             raise SettingError(f"normalize is a quantile in (0, 1], not {self.normalize!r}")
-        if not isinstance(self.quantize, bool):
-            raise SettingError(f"quantize is True or False, not {self.quantize!r}")
+        for name in ("quantize", "subpixel"):
+            if not isinstance(getattr(self, name), bool):
+                raise SettingError(f"{name} is True or False, not {getattr(self, name)!r}")
 
     def updated(self, **changes: Any) -> DetectionParams:
         """A copy with the settings that are not None replaced.

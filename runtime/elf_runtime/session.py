@@ -83,6 +83,7 @@ def open_session(
     spin: bool = False,
     fallback: bool = False,
     profile: str | None = None,
+    dims: Mapping[str, int] | None = None,
 ) -> tuple[ort.InferenceSession, str]:
     """Open a model.
 
@@ -94,6 +95,9 @@ def open_session(
         Let idle threads spin: a few per cent faster, and a core each burnt between calls.
     profile : str, optional
         File prefix for ONNX Runtime's profile.
+    dims : mapping, optional
+        Values for the model's symbolic dimensions, e.g. ``{"H": 480, "W": 640}``: the session then takes that size
+        only, and ONNX Runtime plans and fuses for it.
 
     Returns
     -------
@@ -114,7 +118,9 @@ def open_session(
     if threads is not None:
         options.intra_op_num_threads = threads
     options.add_session_config_entry("session.intra_op.allow_spinning", "1" if spin else "0")
-    options.enable_mem_pattern = False  # its plans are kept for every image size ever seen
+    for dim, size in (dims or {}).items():
+        options.add_free_dimension_override_by_name(dim, size)
+    options.enable_mem_pattern = bool(dims)  # otherwise it keeps a plan for every image size ever seen
     if profile is not None:
         options.enable_profiling = True
         options.profile_file_prefix = profile

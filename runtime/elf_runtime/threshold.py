@@ -54,7 +54,7 @@ def gaussian(image: Array, blur: Blur) -> Array:
 
 
 def normalized(saliency: Array, params: DetectionParams) -> Array:
-    """`saliency` scaled to [0, 255] by its maximum or a quantile, rounded to 8 bits where `params` ask for it.
+    """`saliency` scaled so that its maximum, or the quantile ``params.normalize``, becomes 255.
 
     Parameters
     ----------
@@ -62,26 +62,24 @@ def normalized(saliency: Array, params: DetectionParams) -> Array:
 
     Returns
     -------
-    (H, W) float32 in [0, 255]; uint8 where ``params.quantize``.  All zero for an all-zero map.
+    (H, W) float32, >= 0, above 255 only beyond the quantile; where ``params.quantize``, uint8, saturating at 255.
+    All zero for an all-zero map.
     """
-    top = float(saliency.max(initial=0.0))
-    if params.normalize < 1.0 and top > 0.0:
-        top = quantile(saliency, params.normalize, top)
+    top = quantile(saliency, params.normalize)
     if not top > 0.0:
-        return np.zeros(saliency.shape, np.uint8 if params.quantize else np.float32)  # type: ignore[return-value]
-    scaled = saliency * np.float32(255.0 / top)
-    if params.normalize < 1.0:
-        np.minimum(scaled, 255.0, out=scaled)
-    if params.quantize:
-        return scaled.astype(np.uint8)  # type: ignore[return-value]
-    return scaled
+        top = float(saliency.max(initial=0.0))
+    scaled = saliency * np.float32(255.0 / top) if top > 0.0 else np.zeros(saliency.shape, np.float32)
+    return np.minimum(scaled, 255.0).astype(np.uint8) if params.quantize else scaled
 
 
-def quantile(values: Array, q: float, top: float, bins: int = 4096) -> float:
-    """Upper edge of the histogram bin that holds quantile `q` of `values` in [0, top]: linear in pixels."""
-    counts = np.bincount((values.ravel() * np.float32((bins - 1) / top)).astype(np.int32), minlength=bins)
-    index = int(np.searchsorted(np.cumsum(counts), q * values.size))
-    return top * min(index + 1, bins - 1) / (bins - 1)
+def quantile(values: Array, q: float) -> float:
+    """The smallest of `values` that at least the share `q` of them does not exceed; 0 of none."""
+    if values.size == 0:
+        return 0.0
+    if q == 1.0:
+        return float(values.max())
+    index = min(int(np.ceil(q * values.size)) - 1, values.size - 1)
+    return float(np.partition(values.ravel(), index)[index])
 
 
 def scores_and_mask(saliency: Array, params: DetectionParams) -> tuple[Array, npt.NDArray[np.bool_]]:
@@ -93,7 +91,7 @@ def scores_and_mask(saliency: Array, params: DetectionParams) -> tuple[Array, np
 
     Returns
     -------
-    scores : (H, W) float32 in [0, 255]
+    scores : (H, W) float32, >= 0
     mask : (H, W) bool
     """
     scores, smooth = blurred(saliency, params)
@@ -105,7 +103,7 @@ def blurred(saliency: Array, params: DetectionParams) -> tuple[Array, Array]:
 
     Returns
     -------
-    scores : (H, W) float32 in [0, 255]
+    scores : (H, W) float32, >= 0
         Blurred by `denoise`: its maxima are the keypoints.
     smooth : (H, W) float32 in [0, 255]; uint8 where ``params.quantize``
         Blurred by `threshold_blur`: the level is chosen from it.  `scores` where nothing is thresholded.
@@ -114,11 +112,17 @@ def blurred(saliency: Array, params: DetectionParams) -> tuple[Array, Array]:
     scores = gaussian(level_map, params.denoise).astype(np.float32, copy=False)
     if params.threshold == "none":
         return scores, scores
+    if params.normalize < 1.0 and not params.quantize:
+        # Cut off for the level only: maxima cut off would be plateaus, without a place.
+        level_map = np.minimum(level_map, np.float32(255.0))
     return scores, gaussian(level_map, params.threshold_blur)
 
 
 def passing(scores: Array, smooth: Array, params: DetectionParams) -> npt.NDArray[np.bool_]:
-    """The pixels of `blurred`'s maps that pass: above Kapur's level, or a fixed fraction of the range.
+    """The pixels whose score reaches the level: Kapur's of `smooth`, or a fixed fraction of the range.
+
+    The level comes from the one blur and is held against the other: the paper chooses it on the map blurred for
+    that and then keeps the maxima of the denoised map above it.
 
     Returns
     -------
@@ -128,10 +132,9 @@ def passing(scores: Array, smooth: Array, params: DetectionParams) -> npt.NDArra
         return scores > 0
     if params.threshold == "kapur":
         # A float map has the same 256 bins as an 8-bit one: [i, i+1), the last one closed.
-        binned = smooth.astype(np.uint8, copy=False)
-        counts = np.bincount(binned.ravel(), minlength=256)
-        mask = binned > kapur(counts)
+        counts = np.bincount(smooth.astype(np.uint8, copy=False).ravel(), minlength=256)
+        level = float(kapur(counts) + 1)  # the lowest value of the bins above; 0 where one bin holds everything
     else:
-        mask = smooth > 255.0 * float(params.threshold)
-    # Under a level of -1 (one occupied bin) everything passes; a zero score is still no keypoint.
-    return mask & (scores > 0)
+        level = 255.0 * float(params.threshold)
+    # A zero score is no keypoint, whatever the level.
+    return (scores >= level) & (scores > 0)

@@ -11,6 +11,7 @@ import pytest
 from onnx.shape_inference import InferenceError
 from onnxruntime.capi.onnxruntime_pybind11_state import Fail
 
+from elf_export.adjoint.phases import Part, whole
 from elf_export.adjoint import Context, Gradients, conv, pool, registry, supported_ops
 from elf_export.adjoint.geometry import Window
 
@@ -69,11 +70,11 @@ def replace_rule(monkeypatch: pytest.MonkeyPatch, op: str, wrap: Callable[[Any],
 
 def off_by_a_thousandth(rule: Any) -> Any:
     def wrong(ctx: Context, node: Any, *grads: str | None) -> Gradients:
-        def off(grad: str | None) -> str | None:
+        def off(grad: Part | None) -> str | None:
             factor = ctx.const(
                 1.001, "wrong", like=node.input[0] if node.op_type != "Where" else node.input[1]
             )
-            return grad and ctx.op("Mul", grad, factor, role="wrongly")
+            return grad and ctx.op("Mul", whole(ctx.graph, grad), factor, role="wrongly")
 
         return [off(grad) for grad in rule(ctx, node, *grads)]
 

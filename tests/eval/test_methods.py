@@ -127,6 +127,13 @@ def test_precomputed_h5_in_hlocs_style(image, tmp_path):
     assert found.descriptors.tolist() == descriptors.T.tolist()
 
 
+def test_an_edited_feature_file_is_read_again_under_any_descriptor(image, tmp_path):
+    write_npz(tmp_path, image.name, [[20, 20]])
+    assert not open_method(f"npz:{tmp_path}").cacheable
+    assert not open_methods(f"npz:{tmp_path}", "orb").cacheable
+    assert open_methods("gftt", "orb").cacheable
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [

@@ -14,7 +14,7 @@ from elf_eval.cache import FeatureCache, extract, load
 from elf_eval.cli import main
 from elf_eval.datasets import open_dataset
 from elf_eval.errors import EvalError
-from elf_eval.methods import open_method
+from elf_eval.methods import open_method, open_methods
 from elf_eval.pair_metrics import pair_metrics
 from elf_eval.protocol import Protocol
 from elf_eval.report import plots
@@ -81,6 +81,18 @@ def test_features_come_from_the_cache_until_something_changes(hpatches_folder, r
     assert cache.path(fingerprint + "x", ref, SMALL) != path
     assert cache.path(fingerprint, ref, Protocol(size=(160, 121), max_keypoints=60)) != path
     assert cache.path(fingerprint, ref, Protocol(size=(160, 120), max_keypoints=61)) != path
+
+
+def test_a_detector_runs_once_for_all_its_descriptors(hpatches_folder, resources, monkeypatch):
+    ref = open_dataset(f"hpatches:{hpatches_folder}").pairs[0].first
+    cache = FeatureCache(resources.cache)
+    cache.get(open_methods("gftt", "sift"), ref, SMALL)
+    other = open_methods("gftt", "orb")
+    monkeypatch.setattr(other.detector, "extract", lambda *_: pytest.fail("detected again"))
+    _, found = cache.get(other, ref, SMALL)
+    direct = open_methods("gftt", "orb").extract(ref.open(SMALL.size), SMALL.max_keypoints)
+    assert np.array_equal(found.features.keypoints, direct.keypoints)
+    assert np.array_equal(found.features.descriptors, direct.descriptors)
 
 
 def test_half_a_cache_file_is_made_again(hpatches_folder, resources):
@@ -263,6 +275,8 @@ def test_compare_two_runs_and_two_methods(hpatches_folder, tmp_path, capsys):
     assert "orb - sift" in capsys.readouterr().out
     assert main(["compare", a, b, "--method-a", "sift", "--method-b", "none"]) == 1
     assert "nothing to compare" in capsys.readouterr().err
+    assert main(["compare", a, a, "--metrics", "h_error"]) == 1
+    assert "can't be averaged" in capsys.readouterr().err
 
 
 def test_detector_and_descriptor_apart_on_the_command_line(hpatches_folder, tmp_path):

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from helpers import shared, textured
 
 from elf_export import ExportError, LayerError, VerificationError, export_network, verify
 from elf_export.cli import main
 from elf_export.networks.vgg import LAYERS, tensor_shapes
 from elf_runtime import ElfRuntime
+from helpers import shared, textured
 
 TRUNK = LAYERS[: LAYERS.index("pool3") + 1]
 
@@ -129,7 +129,7 @@ def test_a_graph_that_disagrees_is_not_written(tmp_path: Path, monkeypatch: pyte
         return np.ascontiguousarray(weight.swapaxes(0, 1))
 
     monkeypatch.setattr(conv, "flipped", unflipped)
-    with pytest.raises(VerificationError, match="(?s)disagrees with its reference.*No file was written"):
+    with pytest.raises(VerificationError, match=r"(?s)disagrees with its reference.*No file was written"):
         export_network("vgg", "pool1", [], tmp_path / "a.onnx", offline=True)
     monkeypatch.chdir(tmp_path)
     assert main(["--net", "vgg", "--layer", "pool1", "--desc", "none", "--offline"]) == 1

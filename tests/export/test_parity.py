@@ -9,7 +9,6 @@ import numpy as np
 import onnx
 import pytest
 import torch
-from helpers import ROOT, shared, textured
 from onnx import TensorProto, numpy_helper
 from onnx.reference import ReferenceEvaluator
 
@@ -18,6 +17,7 @@ from elf_export.reference import preprocess, torch_saliency
 from elf_export.verify import compare, keypoint_agreement
 from elf_runtime import preset
 from elf_runtime.session import open_session
+from helpers import ROOT, shared, textured
 
 PREPROCESSING = get_network("vgg").preprocessing
 

@@ -248,7 +248,7 @@ def test_downloads_are_checked(tmp_path: Path) -> None:
     folder.mkdir()
     good = sources.Download(url, hashlib.sha256(b"weights").hexdigest())
     assert sources.fetch(good, folder).read_bytes() == b"weights"
-    with pytest.raises(WeightsError, match="sha256 is .* expected 00"):
+    with pytest.raises(WeightsError, match=r"sha256 is .* expected 00"):
         sources.fetch(sources.Download(url, "00"), folder)
     with pytest.raises(WeightsError, match="nowhere"):
         sources.fetch(sources.Download((tmp_path / "nowhere").as_uri(), "00"), folder)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .base import Method
+from .base import Composed, Method
 from .registry import METHODS, open_method, open_methods
 
-__all__ = ["METHODS", "Method", "open_method", "open_methods"]
+__all__ = ["METHODS", "Composed", "Method", "open_method", "open_methods"]

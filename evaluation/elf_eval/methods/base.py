@@ -53,9 +53,13 @@ class Composed(Method):
     def __init__(self, detector: Method, descriptor: Method) -> None:
         self.detector, self.descriptor = detector, descriptor
         self.fingerprint = f"{detector.fingerprint} | {descriptor.fingerprint}"
+        self.cacheable = detector.cacheable and descriptor.cacheable
 
     def extract(self, image: Image, limit: int) -> LocalFeatures:
-        return self.descriptor.describe(image, self.detector.extract(image, limit))
+        return self.describe(image, self.detector.extract(image, limit))
+
+    def describe(self, image: Image, features: LocalFeatures) -> LocalFeatures:
+        return self.descriptor.describe(image, features)
 
 
 def code_digest(*files: str | Path) -> str:

@@ -109,8 +109,15 @@ class OpenCv(Method):
 
 
 def installed(kind: str) -> bool:
-    """Whether the installed OpenCV has this method."""
-    return _find(OPENCV[kind][0]) is not None
+    """Whether the installed OpenCV has this method, and not by name only, as SURF in most builds."""
+    factory = _find(OPENCV[kind][0])
+    if factory is None or kind in _NETWORKS:
+        return factory is not None
+    try:
+        factory()
+    except cv2.error:
+        return False
+    return True
 
 
 def _find(name: str) -> Any:
@@ -119,13 +126,12 @@ def _find(name: str) -> Any:
 
 
 def _factory(name: str, kind: str) -> Any:
-    factory = _find(name)
-    if factory is None:
+    if not installed(kind):
         raise EvalError(
             f"{kind}: this OpenCV build ({cv2.__version__}) has no {name}; "
             "opencv-contrib-python-headless may have it, or read the features from disk (npz:, h5:)"
         )
-    return factory
+    return _find(name)
 
 
 def _no_descriptors(engine: Any) -> Any:

@@ -70,8 +70,9 @@ def paired_difference(a: Mapping[str, float], b: Mapping[str, float]) -> Differe
         return Difference(mean, nan, nan, nan)
     means = delta[_resamples(delta.size)].mean(axis=1)
     low, high = _interval(means)
-    p = 2.0 * min(float((means <= 0.0).mean()), float((means >= 0.0).mean()))
-    return Difference(mean, low, high, min(1.0, p))
+    # One is added, as for every resampling test: p can't be below what so many resamples can tell.
+    rarer = min(int((means <= 0.0).sum()), int((means >= 0.0).sum()))
+    return Difference(mean, low, high, min(1.0, 2.0 * (rarer + 1) / (RESAMPLES + 1)))
 
 
 def _resamples(count: int) -> npt.NDArray[np.int64]:

@@ -73,6 +73,8 @@ def _facts(results: Results, command: str) -> list[str]:
         facts.insert(
             2, "Equal counts: of each image, every method keeps as many as the one that found the fewest."
         )
+    if not plots.available():
+        facts.append("Plots are left out: matplotlib is not installed (pip install elf-onnx[eval]).")
     facts += [f"Not measured: {s['name']}: {s['reason']}." for s in results.skipped]
     return facts
 

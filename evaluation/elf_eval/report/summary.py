@@ -41,5 +41,9 @@ def keypoints(pairs: Sequence[PairResult]) -> Keypoints:
 
 
 def metrics_in(pairs: Iterable[PairResult]) -> list[str]:
-    """Names of all metrics, in the order of their first appearance."""
-    return list(dict.fromkeys(name for pair in pairs for name in pair.metrics))
+    """Names of all metrics, in the order of their first appearance.
+
+    Without the errors, which are missing where nothing was found: their means would reward failure.
+    """
+    names = dict.fromkeys(name for pair in pairs for name in pair.metrics)
+    return [name for name in names if not name.endswith("_error")]

@@ -13,7 +13,7 @@ import onnx
 from elf_export.errors import LayerError, UnsupportedGraphError, UnsupportedNode
 from elf_export.graph import Graph, captured
 
-from . import broadcast
+from . import broadcast, phases
 from .registry import (
     Context,
     entry_for,
@@ -57,7 +57,7 @@ def build_adjoint(graph: Graph, output: str, wrt: str, seed: str | None = None) 
     sizes = Sizes(graph)
     preflight(graph, path, live, sizes)
 
-    pending: dict[str, list[str]] = {output: [seed if seed is not None else output]}
+    pending: dict[str, list[phases.Part]] = {output: [seed if seed is not None else output]}
     for node in reversed(path):
         entry = entry_for(node)
         assert entry is not None, "preflight has seen to that"
@@ -66,17 +66,18 @@ def build_adjoint(graph: Graph, output: str, wrt: str, seed: str | None = None) 
             continue
         wanted = [name in live for name in node.input]
         context = Context(graph, node, wanted)
-        given = [*entry.rule(context, node, *grads)]
+        given = phases.apply(entry.rule, context, grads)
         given += [None] * (len(node.input) - len(given))
         for name, want, grad in zip(node.input, wanted, given, strict=True):
             if want:
                 assert grad is not None, f"rule {node.op_type} gives no gradient of {name!r}"
                 if entry.broadcasts:
+                    assert isinstance(grad, str), "only MaxPool, Relu and Conv give phases"
                     grad = broadcast.unbroadcast(context, sizes, grad, name, entry.core_axes)
                 pending.setdefault(name, []).append(grad)
     total = _total(graph, wrt, pending.get(wrt))
     assert total is not None, f"the gradient of {output!r} never reaches {wrt!r}"
-    return total
+    return phases.whole(graph, total)
 
 
 def nodes_between(graph: Graph, source: str, target: str) -> list[onnx.NodeProto]:
@@ -159,10 +160,10 @@ def why_unsupported(ctx: Context, live: set[str], sizes: Sizes) -> str | None:
     return reason
 
 
-def _total(graph: Graph, name: str, parts: list[str] | None) -> str | None:
+def _total(graph: Graph, name: str, parts: list[phases.Part] | None) -> phases.Part | None:
     """The sum of what the readers of `name` sent back."""
     if not parts:
         return None
     if len(parts) > 1:
-        parts[:] = [graph.op("Sum", *parts, name=f"adj/{name}/accumulate")]
+        parts[:] = [graph.op("Sum", *(phases.whole(graph, p) for p in parts), name=f"adj/{name}/accumulate")]
     return parts[0]

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from elf_export.errors import ExportError, LayerError
+from elf_export.preprocessing import Preprocessing
+from elf_export.weights.sources import Download, Wheel
 from elf_runtime import DetectionParams
-
-from ..errors import ExportError, LayerError
-from ..preprocessing import Preprocessing
-from ..weights.sources import Download, Wheel
 
 if TYPE_CHECKING:
     import torch

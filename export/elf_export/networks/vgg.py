@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..preprocessing import Preprocessing
-from ..weights.fingerprint import fingerprint
-from ..weights.fit import fit_chain
-from ..weights.sources import Download, Wheel
+from elf_export.preprocessing import Preprocessing
+from elf_export.weights.fingerprint import fingerprint
+from elf_export.weights.fit import fit_chain
+from elf_export.weights.sources import Download, Wheel
+
 from .registry import Network, Tensors
 
 if TYPE_CHECKING:
@@ -119,7 +120,9 @@ SOURCES = (
 )
 
 
-def fit(tensors: Mapping[str, npt.NDArray[Any]], shapes: Mapping[str, tuple[int, ...]]) -> dict[str, npt.NDArray[np.float32]]:
+def fit(
+    tensors: Mapping[str, npt.NDArray[Any]], shapes: Mapping[str, tuple[int, ...]]
+) -> dict[str, npt.NDArray[np.float32]]:
     """A file's tensors under our names, conv1_1 taking BGR.
 
     Colour order by content: Oxford's first layer is recognised either way round.  Other weights are taken

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import WeightsError
+from elf_export.errors import WeightsError
 
 Array = npt.NDArray[Any]
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from elf_export.errors import WeightsError
+from elf_export.networks.registry import Network
 from elf_runtime.session import bundled_model
 
-from ..errors import WeightsError
-from ..networks.registry import Network
 from .fingerprint import fingerprint, mismatches
 from .formats import read_tensors
 from .sources import cache_dir, fetch, is_offline, scratch
@@ -39,7 +39,7 @@ def load_weights(
     layers: Sequence[str],
     file: str | os.PathLike[str] | None = None,
     offline: bool = False,
-    log: Log = lambda text: None,
+    log: Log = lambda _: None,
 ) -> Weights:
     """The tensors that `layers` of `network` need, from the first source that has them.
 

@@ -13,7 +13,7 @@ import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import WeightsError
+from elf_export.errors import WeightsError
 
 TIMEOUT = 30  # seconds without a byte
 _TRUE = {"1", "true", "yes", "on"}

@@ -13,9 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.image import resized, to_pixels
-from elf_runtime.session import bundled_model, open_session
-from elf_runtime.subgraph import with_outputs
+from elf_runtime.session import bundled_model
 
 Image = npt.NDArray[np.uint8]
 PEERS = ("torch", "sift", "orb")
@@ -38,7 +36,7 @@ class Contender:
     run: Callable[[], tuple[int | None, dict[str, float]]]
 
 
-def ours(elf: ElfRuntime, saliency: Callable[[Image], Any], image: Image, file: Path) -> list[Contender]:
+def ours(elf: ElfRuntime, image: Image, file: Path) -> list[Contender]:
     """Detection from an image file, stage by stage, and the saliency map alone."""
 
     def detect() -> tuple[int | None, dict[str, float]]:
@@ -47,29 +45,8 @@ def ours(elf: ElfRuntime, saliency: Callable[[Image], Any], image: Image, file: 
 
     return [
         Contender("elf", "ELF, decode to descriptors", detect),
-        Contender("elf_saliency", "ELF saliency alone", _map_only(saliency, image)),
+        Contender("elf_saliency", "ELF saliency alone", _map_only(lambda pixels: elf.saliency(pixels, scale=1.0), image)),
     ]
-
-
-def elf_saliency(elf: ElfRuntime, model: str | None, **options: Any) -> Callable[[Image], Any]:
-    """From pixels to the saliency map, in a session without the descriptors' layers (torch has none either).
-
-    Parameters
-    ----------
-    model : path, optional
-        What `elf` was opened with.
-    **options
-        Of `open_session`.
-    """
-    contract = elf.contract
-    session, _ = open_session(with_outputs(model or bundled_model(), [contract.saliency_output]), **options)
-
-    def saliency(image: Image) -> Any:
-        pixels = to_pixels(image, contract.input)
-        pixels = resized(pixels, contract.input.size_for(pixels.shape[0], pixels.shape[1], 1.0))
-        return session.run([contract.saliency_output], {contract.input.name: pixels[None]})[0][0]
-
-    return saliency
 
 
 def peers(

@@ -22,7 +22,7 @@ from elf_runtime.statistics import paired_ratio, summary
 
 from . import _common
 from ._bench_table import table
-from ._contenders import PEERS, Image, elf_saliency, ours, peers, synthetic, torch_peer
+from ._contenders import PEERS, Image, ours, peers, synthetic, torch_peer
 from ._fresh import environment, peak_memory, start_up, usable_cores
 from ._timing import interleaved
 
@@ -171,11 +171,10 @@ def _measure(
 ) -> dict[str, Any]:
     """All contenders on one image: samples in seconds, their percentiles, and ratios."""
     options = {"providers": args.provider, "threads": args.threads, "spin": args.spin}
-    saliency = elf_saliency(elf, args.model, **options)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "image.png"
         _common.write_picture(file, image)
-        contenders = [*ours(elf, saliency, image, file), *peers(wanted, image, torch_saliency)]
+        contenders = [*ours(elf, image, file), *peers(wanted, image, torch_saliency)]
         samples, keypoints = interleaved(contenders, args.warmup, args.repeats)
     ratios = {}
     for first, second in (("elf_saliency", "torch"), ("elf", "sift"), ("elf", "orb")):
@@ -191,7 +190,7 @@ def _measure(
         "samples": samples,
     }
     if torch_saliency is not None:
-        reference, found = torch_saliency(image), saliency(image)
+        reference, found = torch_saliency(image), elf.saliency(image, scale=1.0)
         entry["saliency_agreement"] = float(np.mean(np.abs(found - reference) <= 1e-4 * reference.max()))
     return entry
 

@@ -1,0 +1,278 @@
+"""Gradients held as their four phases, so that max-pooling's adjoint never interleaves a full-size map.
+
+The adjoint of a 2x2 max-pool writes each gradient to one of four places: the phases (a, b) of a map v,
+
+    v_ab[i, j] = v[2 i + a, 2 j + b]
+
+are cheap to make, and putting them together is not: it moves every value, outside the blocked layout in which
+ONNX Runtime convolves.  So a gradient may stay in phases while it passes through ReLUs and convolutions of
+stride 1 (the same multiplications, sorted by phase), and is put together only where a rule wants it whole,
+at the latest at the image, where it has three channels.
+
+Masks are HardSigmoid(1e30 d) of a depthwise convolution that takes the difference d: ONNX Runtime runs the two as
+one operator, in the blocked layout.  It is exactly 1 for d > 0 and 0 for d <= 0, d itself being the correctly
+rounded difference of two values; a positive d below 1e-30 would be neither.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from elf_export.graph import Array, Graph
+
+from .conv import flipped
+from .geometry import Window, window_of
+from .registry import Context
+
+STEEP = 1e30
+FEW = 16  # channels of one block of the blocked layout (AVX-512); a convolution to fewer pays for all of them
+PHASES = ((0, 0), (0, 1), (1, 0), (1, 1))
+
+
+@dataclass(frozen=True)
+class Phases:
+    """A gradient v of the shape of the forward value `like`, (N, C, H, W).
+
+    Attributes
+    ----------
+    pieces : four values, or one with the four side by side along the channels
+        v_00, v_01, v_10, v_11, each (N, C, h, w) with h = H // 2 + margin, w = W // 2 + margin.
+    margin : 0 or 1
+        0: what floor-mode pooling drops from v is zero and not held.  1: one more row and column than an even
+        size has.
+    clean : bool
+        Whether what the pieces hold beyond H and W is zero.
+    zero_unless_positive : str, optional
+        A forward value; v is zero wherever it is not positive.
+    """
+
+    pieces: tuple[str, ...]
+    like: str
+    margin: int = 0
+    clean: bool = True
+    zero_unless_positive: str | None = None
+
+
+Part = str | Phases
+
+
+def whole(graph: Graph, part: Part) -> str:
+    """The gradient as one (N, C, H, W) value: phases interleaved and cut, or filled up with zeros, to `like`."""
+    if isinstance(part, str):
+        return part
+    role = f"adj/{part.like}"
+    joined = part.pieces[0]
+    if len(part.pieces) > 1:
+        joined = graph.op("Concat", *part.pieces, name=f"{role}/phases", axis=1)
+    full = graph.op("DepthToSpace", joined, name=f"{role}/interleaved", blocksize=2, mode="DCR")
+    size = _spatial(graph, part.like, f"{role}/size")
+    zeros = graph.int64s([0, 0], f"{role}/zeros")
+    if part.margin:
+        axes = graph.int64s([2, 3], f"{role}/axes")
+        return graph.op("Slice", full, zeros, size, axes, name=f"{role}/whole")
+    lack = graph.op("Sub", size, _spatial(graph, full, f"{role}/full_size"), name=f"{role}/lack")
+    pads = graph.op("Concat", zeros, zeros, zeros, lack, name=f"{role}/pads", axis=0)
+    fill = graph.const(0, f"{role}/fill", graph.dtype(part.like))
+    return graph.op("Pad", full, pads, fill, name=f"{role}/whole", mode="constant")
+
+
+def _spatial(graph: Graph, value: str, name: str) -> str:
+    """int64 (2,): H and W of a value."""
+    bounds = [graph.int64s([v], f"{name}/{what}") for v, what in ((2, "from"), (4, "to"), (0, "axis"))]
+    return graph.op("Slice", graph.op("Shape", value, name=f"{name}/shape"), *bounds, name=name)
+
+
+# -- producing phases ------------------------------------------------------------------------------------------
+
+
+def splits(ctx: Context, window: Window) -> bool:
+    """Whether `split_max_pool` can do this MaxPool: 2x2 windows side by side, in 2-D, of a known number of channels."""
+    shape = ctx.shape(ctx.node.input[0])
+    plain = (window.kernel, window.strides, window.dilations) == ((2, 2), (2, 2), (1, 1)) and not window.padded
+    return plain and shape is not None and isinstance(shape[1], int) and ctx.dtype(ctx.node.input[0]).kind == "f"
+
+
+def split_max_pool(ctx: Context, grad_y: str) -> Phases:
+    """y = max of each 2x2 window of x;  dx gets dy at the FIRST place in raster order that attains the maximum.
+
+    Rows first: t = max over each row's pair, so that y = max(t_top, t_bottom).  The bottom row wins if it is
+    strictly larger, and within a row the right place if it is: on ties the top row, and its left place, have it.
+
+        dy_bottom = dy [t_bottom > t_top],  dy_top = dy - dy_bottom;   likewise dy_right, dy_left of each row
+
+    Where x is a ReLU's output, dy is cleared first where y = 0: the places left over are then all positive, and
+    that ReLU's own mask has nothing more to do.
+    """
+    x, y = ctx.node.input[0], ctx.node.output[0]
+    producer = ctx.graph.producers().get(x)
+    rectified = producer is not None and producer.op_type == "Relu"
+    if rectified and grad_y != y:
+        grad_y = ctx.op("Mul", grad_y, positive(ctx, y, "y"), role="dy_positive")
+    rows = ctx.op("MaxPool", x, role="row_maxima", kernel_shape=[1, 2], strides=[1, 2])
+    bottom_wins = _step(ctx, rows, [[-1], [1]], [2, 1], "bottom_wins")
+    bottom = ctx.op("Mul", grad_y, bottom_wins, role="dy_bottom")
+    top = _minus(ctx, grad_y, bottom, "dy_top")
+    top_right = ctx.op("Mul", top, _step(ctx, x, [[-1, 1], [0, 0]], [2, 2], "right_wins_top"), role="dx_01")
+    bottom_right = ctx.op(
+        "Mul", bottom, _step(ctx, x, [[0, 0], [-1, 1]], [2, 2], "right_wins_bottom"), role="dx_11"
+    )
+    top_left = _minus(ctx, top, top_right, "dx_00")
+    bottom_left = _minus(ctx, bottom, bottom_right, "dx_10")
+    pieces = (top_left, top_right, bottom_left, bottom_right)
+    return Phases(pieces, x, zero_unless_positive=x if rectified else None)
+
+
+# -- passing phases on -----------------------------------------------------------------------------------------
+
+
+def relu(ctx: Context, grad: Phases) -> Phases | None:
+    """dx = dy [y > 0], phase by phase."""
+    y = ctx.node.output[0]
+    if grad.zero_unless_positive == y:
+        return Phases(grad.pieces, ctx.node.input[0], grad.margin, grad.clean)
+    if len(grad.pieces) == 1:
+        return None
+    pieces = []
+    for (a, b), piece in zip(PHASES, grad.pieces, strict=True):
+        pick = np.zeros((2, 2))
+        pick[a, b] = 1
+        mask = _step(ctx, y, pick, [2, 2], f"mask_{a}{b}", margin=grad.margin)
+        pieces.append(ctx.op("Mul", piece, mask, role=f"dx_{a}{b}"))
+    # Beyond y's edge the masks are zero, and with them the products.
+    return Phases(tuple(pieces), ctx.node.input[0], grad.margin)
+
+
+def conv(ctx: Context, grad: Phases) -> Phases | None:
+    """dx = W^T * dy for stride 1 and output of the input's size, W^T being the flipped kernel V with padding q:
+
+        dx[r] = sum over t of V[t] dy[r + t - q]      r = 2 i + a,   r + t - q = 2 (i + s) + c
+
+    Every tap t of output phase a reads one input phase c at one shift s, so that each pair of phases is a
+    small convolution with every second row and column of V.  Where dx has few channels, its four phases are
+    computed by one convolution, side by side.
+    """
+    node = ctx.node
+    weight = ctx.value(node.input[1])
+    shape = ctx.shape(node.input[0])
+    if weight is None or weight.ndim != 4 or not grad.clean or len(grad.pieces) == 1 or ctx.attrs.get("group", 1) > 1:
+        return None
+    window = window_of(ctx, weight.shape[2:])
+    if window.begin is None or window.strides != (1, 1) or window.dilations != (1, 1):
+        return None
+    same_size = all(b + e == k - 1 for b, e, k in zip(window.begin, window.end, window.kernel, strict=True))
+    if not same_size or shape is None:
+        return None
+    kernel = flipped(weight, 1)
+    pads = [k - 1 - b for k, b in zip(window.kernel, window.begin, strict=True)]
+    few = 4 * kernel.shape[0] <= FEW
+    wanted = [PHASES] if few else [(phase,) for phase in PHASES]
+    try:
+        weights: dict[bytes, str] = {}
+        pieces = [_phase_of_conv(ctx, grad, kernel, pads, outputs, weights) for outputs in wanted]
+    except _BeyondReachError:
+        return None
+    return Phases(tuple(pieces), node.input[0], margin=1, clean=False)
+
+
+class _BeyondReachError(Exception):
+    """A tap so far to one side that a convolution would need negative padding."""
+
+
+def _phase_of_conv(
+    ctx: Context,
+    grad: Phases,
+    kernel: Array,
+    pads: Sequence[int],
+    outputs: Sequence[tuple[int, int]],
+    weights: dict[bytes, str],
+) -> str:
+    """The phases `outputs` of dx, side by side along the channels; `weights` are the constants there are already."""
+    plans = []
+    for source, piece in zip(PHASES, grad.pieces, strict=True):
+        taps = [_taps(kernel.shape[2 + axis], pads[axis], source[axis], [o[axis] for o in outputs]) for axis in (0, 1)]
+        if not all(taps):
+            continue
+        low = [min(s for s, _, _ in t) for t in taps]
+        high = [max(s for s, _, _ in t) for t in taps]
+        part = np.zeros((len(outputs) * kernel.shape[0], kernel.shape[1], *(h - lo + 1 for lo, h in zip(low, high, strict=True))))
+        for (sy, ay, ty), (sx, ax, tx) in itertools.product(*taps):
+            if (ay, ax) in outputs:
+                at = outputs.index((ay, ax)) * kernel.shape[0]
+                part[at : at + kernel.shape[0], :, sy - low[0], sx - low[1]] = kernel[:, :, ty, tx]
+        # Output rows i = 0 .. h with margin 1 read rows i + low .. i + high.
+        edges = [-lo for lo in low] + [1 - grad.margin + h for h in high]
+        if min(edges) < 0:
+            raise _BeyondReachError
+        plans.append((piece, source, part, edges))
+    tag = "".join(f"{a}{b}" for a, b in outputs) if len(outputs) == 1 else "all"
+    total: str | None = None
+    for piece, (c, d), part, edges in plans:
+        part = part.astype(kernel.dtype)
+        # The taps on even or odd rows and columns are the same for every phase of the output.
+        key = part.tobytes()
+        if key not in weights:
+            weights[key] = ctx.const(part, f"weight_{tag}_from_{c}{d}")
+        term = ctx.op(
+            "Conv", piece, weights[key], role=f"dx_{tag}_from_{c}{d}", kernel_shape=list(part.shape[2:]), pads=edges
+        )
+        # A sum of two, the convolution first, is computed in place by it.
+        total = term if total is None else ctx.op("Add", term, total, role=f"dx_{tag}_with_{c}{d}")
+    if total is None:
+        raise _BeyondReachError
+    return total
+
+
+def _taps(size: int, pad: int, source: int, outputs: Sequence[int]) -> list[tuple[int, int, int]]:
+    """Along one axis: (shift, output phase, tap) of all taps that read phase `source`."""
+    reads = [((a + t - pad) // 2, (a + t - pad) % 2, a, t) for a in sorted(set(outputs)) for t in range(size)]
+    return [(shift, a, t) for shift, c, a, t in reads if c == source]
+
+
+def positive(ctx: Context, y: str, role: str) -> str:
+    """[y > 0] as numbers, of y's shape (N, C, H, W)."""
+    return _step(ctx, y, [[1]], [1, 1], f"positive_{role}")
+
+
+def _step(
+    ctx: Context, x: str, kernel: npt.ArrayLike, strides: list[int], role: str, margin: int = 0
+) -> str:
+    """[d > 0] with d = a depthwise convolution of x; `margin` adds one row and column, of zeros beyond x."""
+    d = _depthwise(ctx, x, kernel, strides, role, [0, 0, 2 * margin, 2 * margin])
+    return ctx.op("HardSigmoid", d, role=role, alpha=STEEP, beta=0.0)
+
+
+def _minus(ctx: Context, a: str, b: str, role: str) -> str:
+    """a - b as a sum, which the convolution that negates b does in place."""
+    negated = _depthwise(ctx, b, [[-1]], [1, 1], f"{role}_minus", [0, 0, 0, 0])
+    return ctx.op("Add", negated, a, role=role)
+
+
+def _depthwise(
+    ctx: Context, x: str, kernel: npt.ArrayLike, strides: list[int], role: str, pads: list[int]
+) -> str:
+    """Each channel of x, which has as many as the node's input, convolved with the same small kernel."""
+    like = ctx.node.input[0]
+    channels = (ctx.shape(like) or [])[1]
+    size = list(np.shape(kernel))
+    weight = ctx.const(np.broadcast_to(kernel, (channels, 1, *size)), f"{role}_kernel", like=like)
+    return ctx.op(
+        "Conv", x, weight, role=f"{role}_difference", kernel_shape=size, strides=strides, group=channels, pads=pads
+    )
+
+
+_ON_PHASES: dict[str, Callable[[Context, Phases], Phases | None]] = {"Relu": relu, "Conv": conv}
+
+
+def apply(rule: Callable[..., Sequence[Part | None]], ctx: Context, grads: Sequence[Part | None]) -> list[Part | None]:
+    """A node's rule; its form for phases where the gradient arrives in phases and there is one."""
+    (first, *others) = grads
+    if isinstance(first, Phases) and not others and ctx.node.op_type in _ON_PHASES:
+        passed = _ON_PHASES[ctx.node.op_type](ctx, first)
+        if passed is not None:
+            return [passed]
+    return [*rule(ctx, ctx.node, *(None if g is None else whole(ctx.graph, g) for g in grads))]

@@ -1,0 +1,125 @@
+"""Gradients held in phases: exact in float64 for every kernel, parity and chain, and really in phases."""
+
+from __future__ import annotations
+
+import zlib
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from helpers import textured
+from onnx import TensorProto, helper, numpy_helper
+from onnx.reference import ReferenceEvaluator
+
+from elf_export.adjoint import build_adjoint
+from elf_export.graph import Graph
+
+CHANNELS = 5
+
+
+def chain(layers: list[str], kernels: dict[str, np.ndarray]) -> onnx.ModelProto:
+    """x (N, 3, H, W) through `layers`: convN (same size), relu, pool, add (the value and itself shifted by one)."""
+    nodes, tensors, value = [], [], "x"
+    for index, kind in enumerate(layers):
+        out = f"v{index}"
+        if kind.startswith("conv"):
+            kernel = kernels[kind]
+            tensors.append(numpy_helper.from_array(kernel, kind))
+            pads = [(k - 1) // 2 for k in kernel.shape[2:]] + [k // 2 for k in kernel.shape[2:]]
+            nodes.append(helper.make_node("Conv", [value, kind], [out], name=out, pads=pads))
+        elif kind == "relu":
+            nodes.append(helper.make_node("Relu", [value], [out], name=out))
+        elif kind == "pool":
+            nodes.append(helper.make_node("MaxPool", [value], [out], name=out, kernel_shape=[2, 2], strides=[2, 2]))
+        else:
+            nodes.append(helper.make_node("Add", [value, value], [out], name=out))
+        value = out
+    image = helper.make_tensor_value_info("x", TensorProto.DOUBLE, ["N", 3, "H", "W"])
+    output = helper.make_tensor_value_info(value, TensorProto.DOUBLE, None)
+    graph = helper.make_graph(nodes, "chain", [image], [output], tensors)
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+
+
+def by_torch(layers: list[str], kernels: dict[str, np.ndarray], x: np.ndarray) -> np.ndarray:
+    image = torch.tensor(x, requires_grad=True)
+    value = image
+    for kind in layers:
+        if kind.startswith("conv"):
+            k = kernels[kind].shape[2:]
+            framed = torch.nn.functional.pad(value, [(k[1] - 1) // 2, k[1] // 2, (k[0] - 1) // 2, k[0] // 2])
+            value = torch.nn.functional.conv2d(framed, torch.tensor(kernels[kind]))
+        elif kind == "relu":
+            value = value.relu()
+        elif kind == "pool":
+            value = torch.nn.functional.max_pool2d(value, 2)
+        else:
+            value = value + value
+    (gradient,) = torch.autograd.grad(value, image, value.detach())
+    return gradient.numpy()
+
+
+CHAINS = {
+    "one pool": ["conv1", "relu", "pool"],
+    "two convolutions before a pool": ["conv1", "relu", "conv2", "relu", "pool"],
+    "VGG's first blocks": ["conv1", "relu", "conv2", "relu", "pool", "conv3", "relu", "conv2", "relu", "pool"],
+    "three convolutions": ["conv1", "relu", "conv2", "relu", "conv3", "relu", "conv2", "relu", "pool"],
+    "no relu before the pool": ["conv1", "relu", "conv2", "pool", "conv3"],
+    "convolutions without a relu between": ["conv1", "conv2", "pool"],
+    "pool of the image": ["pool", "conv1", "relu", "pool"],
+    "pool of a pool": ["conv1", "relu", "pool", "pool"],
+    "relu behind a pool": ["conv1", "pool", "relu", "conv2", "relu", "pool"],
+    "two uses": ["conv1", "relu", "add", "conv2", "relu", "pool"],
+    "a relu twice": ["conv1", "relu", "relu", "pool"],
+}
+
+
+@pytest.mark.parametrize("name", CHAINS)
+@pytest.mark.parametrize("kernel", [(3, 3), (1, 1), (5, 3), (2, 4), (1, 7)])
+@pytest.mark.parametrize("size", [(12, 16), (13, 17), (15, 12)])
+def test_exact_in_float64(name: str, kernel: tuple[int, int], size: tuple[int, int]) -> None:
+    layers = CHAINS[name]
+    seed = zlib.crc32(repr((name, kernel, size)).encode())
+    rng = np.random.default_rng(seed)
+    kernels = {
+        "conv1": rng.standard_normal((CHANNELS, 3, *kernel)),
+        "conv2": rng.standard_normal((CHANNELS, CHANNELS, *kernel)),
+        "conv3": rng.standard_normal((CHANNELS, CHANNELS, 3, 3)),
+    }
+    if layers[0] == "pool":
+        kernels["conv1"] = rng.standard_normal((CHANNELS, 3, 3, 3))
+    x = textured(*size, seed=1).astype(np.float64).transpose(2, 0, 1)[None] / 50 - 2
+    x = np.concatenate([x, np.round(x[:, :, ::-1])])  # the second with ties
+    x[1, :, : size[0] // 2] = 1.0
+
+    graph = Graph(chain(layers, kernels))
+    gradient = build_adjoint(graph, graph.model.graph.output[0].name, "x")
+    assert any(node.name.endswith("/dx_00") for node in graph.nodes)  # the pool did split
+    del graph.model.graph.output[:]
+    graph.model.graph.output.append(helper.make_tensor_value_info(gradient, TensorProto.DOUBLE, None))
+    (found,) = ReferenceEvaluator(graph.model).run(None, {"x": x})
+    wanted = by_torch(layers, kernels, x)
+    assert found.shape == wanted.shape
+    assert np.abs(found - wanted).max() <= 1e-10 * np.abs(wanted).max(), f"seed {seed}"
+
+
+def test_a_chain_to_the_image_is_put_together_only_there(vgg_like: Graph) -> None:
+    """Between a pool and the image nothing is interleaved; only the three-channel gradient is."""
+    joins = [node for node in vgg_like.nodes if node.op_type == "DepthToSpace"]
+    assert [node.name for node in joins] == ["adj/v4/interleaved", "adj/x/interleaved"]
+
+
+def test_the_four_phases_share_their_weights(vgg_like: Graph) -> None:
+    """As many values as the flipped kernels themselves, apart from the image's joint convolution."""
+    sizes = {t.name: int(np.prod(t.dims)) for t in vgg_like.model.graph.initializer}
+    conv2 = sum(size for name, size in sizes.items() if "weight_" in name and name.startswith("adj/v2/"))
+    assert conv2 == CHANNELS * CHANNELS * 9
+
+
+@pytest.fixture
+def vgg_like() -> Graph:
+    rng = np.random.default_rng(0)
+    kernels = {f"conv{i}": rng.standard_normal((CHANNELS, 3 if i == 1 else CHANNELS, 3, 3)) for i in (1, 2, 3)}
+    graph = Graph(chain(CHAINS["VGG's first blocks"], kernels))
+    build_adjoint(graph, graph.model.graph.output[0].name, "x")
+    return graph

@@ -1,0 +1,32 @@
+"""The paper's setting on the eight Oxford sequences, by the paper's protocol."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from elf_eval.cli import main
+from helpers import shared
+
+from elf_export import export_network
+
+
+def test_the_paper_s_setting_on_oxford(tmp_path: Path) -> None:
+    """rep 67.9, ms 46.9 at 253 keypoints a picture: measured beforehand, with torch, by another implementation."""
+    data = shared("data", "oxford_affine")
+    weights = shared("weights", "vgg16_oxford_imagenet.npz")
+    model = tmp_path / "elf.onnx"
+    export_network("vgg", "pool2", ["pool4"], model, weights=weights)
+    arguments = ["run", "--dataset", f"hpatches:{data}", "--detector", f"elf:{model}?preset=paper"]
+    assert main([*arguments, "--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]) == 0
+    results = json.loads((tmp_path / "out" / "results.json").read_text())
+    scenes: dict[str, list[tuple[float, float]]] = {}
+    for pair in results["pairs"]:
+        scenes.setdefault(pair["scene"], []).append((pair["metrics"]["rep"], pair["metrics"]["ms"]))
+    assert sorted(map(len, scenes.values())) == [5] * 8
+    rep, ms = np.mean([np.mean(rows, axis=0) for rows in scenes.values()], axis=0)
+    print(f"rep {rep:.1f}, ms {ms:.1f}")
+    assert rep == pytest.approx(67.9, abs=1.5)
+    assert ms == pytest.approx(46.9, abs=1.5)

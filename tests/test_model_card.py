@@ -1,0 +1,59 @@
+"""What models/README.md says of the bundled model is so; links in the documents lead somewhere."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from pathlib import Path
+
+import pytest
+
+from elf_runtime import ElfRuntime
+from elf_runtime.session import bundled_model
+from helpers import ROOT
+
+CARD = (ROOT / "models" / "README.md").read_text(encoding="utf-8")
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("[dm]*/*.md")])
+
+
+def test_the_file_is_the_one_described() -> None:
+    data = bundled_model().read_bytes()
+    row = re.search(r"\| file \| ([\d ]+) bytes, SHA-256 `([0-9a-f]{64})` \|", CARD)
+    assert row is not None, "models/README.md has no row: | file | N bytes, SHA-256 `...` |"
+    assert row[2] == hashlib.sha256(data).hexdigest()
+    assert int(row[1].replace(" ", "")) == len(data)
+    assert len(data) <= 9_000_000
+
+
+def test_the_contract_is_the_one_described() -> None:
+    contract = ElfRuntime().contract
+    assert f"SHA-256 `{contract.weights.sha256}`" in CARD
+    assert contract.weights.licence == "CC BY 4.0"
+    params, descriptor = contract.detection, contract.descriptors[0]
+    for text in (
+        f"| {contract.layer} (stride {contract.stride:g},",
+        f"| {descriptor.layer}: {descriptor.dim} values, a cell every {descriptor.stride:g} pixels",
+        f"working scale {params.scale:g}",
+        f"denoise ({params.denoise[0]}, {params.denoise[1]:g})",
+        f"threshold blur ({params.threshold_blur[0]}, {params.threshold_blur[1]:g})",
+        f"the {params.normalize:g} quantile",
+        f"nms_radius {params.nms_radius}, border {params.border}, at most {params.max_keypoints} keypoints",
+    ):
+        assert text in CARD, text
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_links_lead_somewhere(document: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", document.read_text(encoding="utf-8")):
+        if "://" not in target:
+            path, _, anchor = target.partition("#")
+            file = document.parent / path if path else document
+            assert file.exists(), f"{document.name}: {target}"
+            if anchor:
+                assert anchor in anchors(file), f"{document.name}: {target}"
+
+
+def anchors(file: Path) -> set[str]:
+    """The headings' anchors, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", file.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
