@@ -243,6 +243,7 @@ class ElfRuntime:
         spec = self.contract.descriptor(descriptor)
         results: list[Features] = []
         group: list[_Work] = []
+        most = self.contract.input.batch or batch_size
 
         def flush() -> None:
             textured = [work for work in group if work.textured]
@@ -258,7 +259,7 @@ class ElfRuntime:
 
         for i, item in enumerate(batch):
             work = self._prepare(images.read(item), params, masks[i] if masks is not None else None)
-            if group and (len(group) == (self.contract.input.batch or batch_size) or work.pixels.shape != group[0].pixels.shape):
+            if group and (len(group) == most or work.pixels.shape != group[0].pixels.shape):
                 flush()
             group.append(work)
         if group:

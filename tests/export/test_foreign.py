@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from export import small_models as small
-from helpers import ROOT, textured
 from onnx import TensorProto, helper
 
 from elf_export import (
@@ -28,6 +26,8 @@ from elf_export.foreign.export import prepare
 from elf_export.foreign.image_input import find_image_input
 from elf_export.foreign.layers import resolve_layer
 from elf_runtime import ElfRuntime
+from export import small_models as small
+from helpers import ROOT, textured
 
 
 def saved(model: onnx.ModelProto, folder: Path) -> Path:
@@ -273,5 +273,5 @@ def test_preprocessing_options_reach_the_graph_and_the_contract(tmp_path: Path) 
     assert "--mean=0.4,0.5,0.6" in contract.command
     assert contract.versions["opset"] == "18"
     gray = Preprocessing(color="gray")
-    with pytest.raises(ExportError, match="--color gray has 1 channel"):
+    with pytest.raises(ExportError, match="color gray has 1 channel"):
         export_onnx(path, "pool1", [], tmp_path / "gray.onnx", preprocessing=gray)

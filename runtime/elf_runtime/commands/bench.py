@@ -170,7 +170,6 @@ def _measure(
     elf: ElfRuntime, image: Image, wanted: Sequence[str], torch_saliency: Any, args: argparse.Namespace
 ) -> dict[str, Any]:
     """All contenders on one image: samples in seconds, their percentiles, and ratios."""
-    options = {"providers": args.provider, "threads": args.threads, "spin": args.spin}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "image.png"
         _common.write_picture(file, image)
