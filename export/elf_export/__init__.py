@@ -6,6 +6,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from .errors import (
     ExportError,
     LayerError,
@@ -14,12 +16,14 @@ from .errors import (
     VerificationError,
     WeightsError,
 )
-from .export import export_network
-from .foreign.export import export_onnx
-from .foreign.load import load_model
-from .output import ExportResult
-from .preprocessing import Preprocessing
-from .saliency import build_gradient, build_saliency
+
+if TYPE_CHECKING:
+    from .export import export_network
+    from .foreign.export import export_onnx
+    from .foreign.load import load_model
+    from .output import ExportResult
+    from .preprocessing import Preprocessing
+    from .saliency import build_gradient, build_saliency
 
 __all__ = [
     "ExportError",
@@ -36,3 +40,22 @@ __all__ = [
     "export_onnx",
     "load_model",
 ]
+
+_HOMES = {
+    "ExportResult": "output",
+    "Preprocessing": "preprocessing",
+    "build_gradient": "saliency",
+    "build_saliency": "saliency",
+    "export_network": "export",
+    "export_onnx": "foreign.export",
+    "load_model": "foreign.load",
+}
+
+
+def __getattr__(name: str) -> object:
+    """Load what needs the onnx package at its first use, so that the command can say how to install it."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -11,9 +11,9 @@ import pytest
 from onnx.shape_inference import InferenceError
 from onnxruntime.capi.onnxruntime_pybind11_state import Fail
 
-from elf_export.adjoint.phases import Part, whole
 from elf_export.adjoint import Context, Gradients, conv, pool, registry, supported_ops
 from elf_export.adjoint.geometry import Window
+from elf_export.adjoint.phases import Part, whole
 
 from . import (
     test_activation,

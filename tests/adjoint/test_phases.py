@@ -8,12 +8,12 @@ import numpy as np
 import onnx
 import pytest
 import torch
-from helpers import textured
 from onnx import TensorProto, helper, numpy_helper
 from onnx.reference import ReferenceEvaluator
 
 from elf_export.adjoint import build_adjoint
 from elf_export.graph import Graph
+from helpers import textured
 
 CHANNELS = 5
 

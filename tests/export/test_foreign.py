@@ -207,10 +207,11 @@ def test_what_is_no_model(tmp_path: Path) -> None:
 def test_a_wrong_gradient_is_not_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    import elf_export.adjoint.conv as conv
+    from elf_export.adjoint import conv, phases
 
     path = saved(small.nchw(), tmp_path)
-    monkeypatch.setattr(conv, "flipped", lambda weight, _: np.ascontiguousarray(weight.swapaxes(0, 1)))
+    for module in (conv, phases):
+        monkeypatch.setattr(module, "flipped", lambda weight, _: np.ascontiguousarray(weight.swapaxes(0, 1)))
     with pytest.raises(
         VerificationError, match="(?s)disagrees with central differences.*No file was written"
     ):

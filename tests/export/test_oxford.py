@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from elf_eval.cli import main
-from helpers import shared
 
+from elf_eval.cli import main
 from elf_export import export_network
+from helpers import shared
 
 
 def test_the_paper_s_setting_on_oxford(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from elf_export.errors import LayerError, UnsupportedGraphError, UnsupportedNode
 from elf_export.graph import Graph, captured
 
 from . import broadcast, phases
+from .gradient import Part
 from .registry import (
     Context,
     entry_for,
@@ -57,7 +58,7 @@ def build_adjoint(graph: Graph, output: str, wrt: str, seed: str | None = None) 
     sizes = Sizes(graph)
     preflight(graph, path, live, sizes)
 
-    pending: dict[str, list[phases.Part]] = {output: [seed if seed is not None else output]}
+    pending: dict[str, list[Part]] = {output: [seed if seed is not None else output]}
     for node in reversed(path):
         entry = entry_for(node)
         assert entry is not None, "preflight has seen to that"
@@ -160,7 +161,7 @@ def why_unsupported(ctx: Context, live: set[str], sizes: Sizes) -> str | None:
     return reason
 
 
-def _total(graph: Graph, name: str, parts: list[phases.Part] | None) -> phases.Part | None:
+def _total(graph: Graph, name: str, parts: list[Part] | None) -> Part | None:
     """The sum of what the readers of `name` sent back."""
     if not parts:
         return None

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -27,38 +26,12 @@ from elf_export.graph import Array, Graph
 
 from .conv import flipped
 from .geometry import Window, window_of
-from .registry import Context
+from .gradient import Part, Phases
+from .registry import Context, Rule
 
 STEEP = 1e30
 FEW = 16  # channels of one block of the blocked layout (AVX-512); a convolution to fewer pays for all of them
 PHASES = ((0, 0), (0, 1), (1, 0), (1, 1))
-
-
-@dataclass(frozen=True)
-class Phases:
-    """A gradient v of the shape of the forward value `like`, (N, C, H, W).
-
-    Attributes
-    ----------
-    pieces : four values, or one with the four side by side along the channels
-        v_00, v_01, v_10, v_11, each (N, C, h, w) with h = H // 2 + margin, w = W // 2 + margin.
-    margin : 0 or 1
-        0: what floor-mode pooling drops from v is zero and not held.  1: one more row and column than an even
-        size has.
-    clean : bool
-        Whether what the pieces hold beyond H and W is zero.
-    zero_unless_positive : str, optional
-        A forward value; v is zero wherever it is not positive.
-    """
-
-    pieces: tuple[str, ...]
-    like: str
-    margin: int = 0
-    clean: bool = True
-    zero_unless_positive: str | None = None
-
-
-Part = str | Phases
 
 
 def whole(graph: Graph, part: Part) -> str:
@@ -199,7 +172,8 @@ def _phase_of_conv(
             continue
         low = [min(s for s, _, _ in t) for t in taps]
         high = [max(s for s, _, _ in t) for t in taps]
-        part = np.zeros((len(outputs) * kernel.shape[0], kernel.shape[1], *(h - lo + 1 for lo, h in zip(low, high, strict=True))))
+        size = [top - bottom + 1 for bottom, top in zip(low, high, strict=True)]
+        part = np.zeros((len(outputs) * kernel.shape[0], kernel.shape[1], *size))
         for (sy, ay, ty), (sx, ax, tx) in itertools.product(*taps):
             if (ay, ax) in outputs:
                 at = outputs.index((ay, ax)) * kernel.shape[0]
@@ -268,7 +242,7 @@ def _depthwise(
 _ON_PHASES: dict[str, Callable[[Context, Phases], Phases | None]] = {"Relu": relu, "Conv": conv}
 
 
-def apply(rule: Callable[..., Sequence[Part | None]], ctx: Context, grads: Sequence[Part | None]) -> list[Part | None]:
+def apply(rule: Rule, ctx: Context, grads: Sequence[Part | None]) -> list[Part | None]:
     """A node's rule; its form for phases where the gradient arrives in phases and there is one."""
     (first, *others) = grads
     if isinstance(first, Phases) and not others and ctx.node.op_type in _ON_PHASES:

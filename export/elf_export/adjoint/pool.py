@@ -29,7 +29,7 @@ def _pool_supports(ctx: Context) -> str | None:
 
 
 @adjoint("MaxPool", supports=_pool_supports)
-def max_pool(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Sequence[phases.Part]:
+def max_pool(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """y_m = max over offsets o of x_{ms + od};  dx gets dy_m at the FIRST o in raster order that attains it.
 
     That is the choice of torch and of an index-based adjoint.  Ties above zero are common: flat regions of an

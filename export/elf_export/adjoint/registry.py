@@ -11,10 +11,9 @@ import onnx
 
 from elf_export.graph import Array, Dim, Graph, attributes
 
-MIN_OPSET = 11  # Slice, Pad, Clip and Resize take their bounds as inputs from here on
+from .gradient import Gradients as Gradients  # rules import it from here
 
-Gradients = Sequence[str | None]
-"""One value name per input of the node, None where it gets no gradient; trailing Nones may be left out."""
+MIN_OPSET = 11  # Slice, Pad, Clip and Resize take their bounds as inputs from here on
 
 Rule = Callable[..., Gradients]
 """rule(ctx, node, *grad_y); one `grad_y` per differentiated output, None if nobody used it."""

@@ -45,7 +45,7 @@ def ours(elf: ElfRuntime, image: Image, file: Path) -> list[Contender]:
 
     return [
         Contender("elf", "ELF, decode to descriptors", detect),
-        Contender("elf_saliency", "ELF saliency alone", _map_only(lambda pixels: elf.saliency(pixels, scale=1.0), image)),
+        Contender("elf_saliency", "ELF saliency alone", _map_only(lambda x: elf.saliency(x, scale=1.0), image)),
     ]
 
 

@@ -1,0 +1,36 @@
+"""What a gradient is while it travels back through the graph: one value, or its four phases."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Phases:
+    """A gradient v of the shape of the forward value `like`, (N, C, H, W).
+
+    Attributes
+    ----------
+    pieces : four values, or one with the four side by side along the channels
+        v_00, v_01, v_10, v_11, each (N, C, h, w) with h = H // 2 + margin, w = W // 2 + margin.
+    margin : 0 or 1
+        0: what floor-mode pooling drops from v is zero and not held.  1: one more row and column than an even
+        size has.
+    clean : bool
+        Whether what the pieces hold beyond H and W is zero.
+    zero_unless_positive : str, optional
+        A forward value; v is zero wherever it is not positive.
+    """
+
+    pieces: tuple[str, ...]
+    like: str
+    margin: int = 0
+    clean: bool = True
+    zero_unless_positive: str | None = None
+
+
+Part = str | Phases
+
+Gradients = Sequence[Part | None]
+"""One gradient per input of the node, None where it gets none; trailing Nones may be left out."""
