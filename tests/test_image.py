@@ -95,10 +95,10 @@ def test_files(tmp_path: Path) -> None:
 
 def test_working_size() -> None:
     pixels = to_pixels(textured(41, 61), BGR)
-    assert resized(pixels, 1.0) is pixels
-    assert resized(pixels, 0.5).shape == (20, 30, 3)
-    assert resized(pixels, 2.0).shape == (82, 122, 3)
-    assert resized(pixels[:, :, :1], 0.5).shape == (20, 30, 1)
+    assert resized(pixels, (41, 61)) is pixels
+    assert resized(pixels, (20, 30)).shape == (20, 30, 3)
+    assert resized(pixels, (82, 122)).shape == (82, 122, 3)
+    assert resized(pixels[:, :, :1], (20, 30)).shape == (20, 30, 1)
 
 
 def test_flatness() -> None:

@@ -18,9 +18,12 @@ from .errors import (
 )
 
 if TYPE_CHECKING:
-    from .export import ExportResult, export_network
+    from .export import export_network
+    from .foreign.export import export_onnx
+    from .foreign.load import load_model
+    from .output import ExportResult
     from .preprocessing import Preprocessing
-    from .saliency import build_saliency
+    from .saliency import build_gradient, build_saliency
 
 __all__ = [
     "ExportError",
@@ -31,15 +34,21 @@ __all__ = [
     "UnsupportedNode",
     "VerificationError",
     "WeightsError",
+    "build_gradient",
     "build_saliency",
     "export_network",
+    "export_onnx",
+    "load_model",
 ]
 
 _HOMES = {
-    "ExportResult": "export",
-    "export_network": "export",
+    "ExportResult": "output",
     "Preprocessing": "preprocessing",
+    "build_gradient": "saliency",
     "build_saliency": "saliency",
+    "export_network": "export",
+    "export_onnx": "foreign.export",
+    "load_model": "foreign.load",
 }
 
 

@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 import onnx
-from onnx import shape_inference
 
 from .graph import Graph, attributes
 from .passes import cut
@@ -17,15 +16,27 @@ PROBE = 512  # pixels of height and width; divisible by every usual stride
 def macs_per_pixel(model: onnx.ModelProto, outputs: Sequence[str]) -> float:
     """Multiply-adds per image pixel that `outputs` need: Conv, ConvTranspose, Gemm and MatMul.
 
-    Counted on an image of 512x512 pixels with the model's (N, H, W, C) input.
+    Counted on one image of 512x512 pixels, or of the size that the model's (N, H, W, C) input fixes.
     """
     needed = cut(model, outputs)
-    fixed = needed.graph.input[0].type.tensor_type.shape.dim
-    for dim, size in zip(fixed, (1, PROBE, PROBE), strict=False):
-        dim.dim_value = size
-    del needed.graph.value_info[:]
-    graph = Graph(shape_inference.infer_shapes(needed, data_prop=True))
-    return sum(_macs(graph, node) for node in graph.nodes) / PROBE**2
+    height, width = fix_sizes(needed, needed.graph.input[0].name, "NHWC")
+    graph = Graph(needed)
+    return sum(node_macs(graph, node) for node in graph.nodes) / (height * width)
+
+
+def fix_sizes(model: onnx.ModelProto, image: str, layout: str) -> tuple[int, int]:
+    """Give the free axes of the input `image` the sizes 1 and PROBE; returns its height and width."""
+    (value,) = (value for value in model.graph.input if value.name == image)
+    wanted = {"N": 1, "H": PROBE, "W": PROBE}
+    sizes: dict[str, int] = {}
+    for axis, dim in zip(layout, value.type.tensor_type.shape.dim, strict=True):
+        if axis in wanted and dim.dim_value <= 0:
+            dim.dim_value = wanted[axis]
+        sizes[axis] = dim.dim_value
+    del model.graph.value_info[:]
+    for output in model.graph.output:
+        output.type.tensor_type.ClearField("shape")
+    return sizes["H"], sizes["W"]
 
 
 def parameters(model: onnx.ModelProto) -> int:
@@ -33,7 +44,9 @@ def parameters(model: onnx.ModelProto) -> int:
     return sum(math.prod(t.dims) for t in model.graph.initializer)
 
 
-def _macs(graph: Graph, node: onnx.NodeProto) -> float:
+def node_macs(graph: Graph, node: onnx.NodeProto) -> float:
+    """Multiply-adds of one node, of a graph whose sizes are static."""
+
     def dims(name: str) -> list[int]:
         return [d if isinstance(d, int) else 1 for d in graph.shape(name) or []]
 

@@ -1,46 +1,30 @@
-"""From a named network, or any ONNX model, to a verified .onnx file with its contract."""
+"""From a named network to a verified .onnx file with its contract."""
 
 from __future__ import annotations
 
 import copy
 import os
-import platform
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-import onnx
-
-import elf_runtime
-from elf_runtime import DescriptorSpec, DetectionParams, InputSpec, ModelContract, WeightsSpec
+from elf_runtime import DetectionParams, InputSpec, ModelContract, WeightsSpec
 
 from . import verify
-from .cost import macs_per_pixel, parameters
 from .describe import attach, by_network, label
 from .errors import ExportError
 from .forward import DEFAULT_OPSET, NETWORK_INPUT, torch_to_onnx
 from .networks import get_network
+from .output import ExportResult, check_opset, check_output, cost_of, descriptor_specs, versions, write
 from .preprocessing import Preprocessing
-from .receptive_field import Field, receptive_fields
-from .saliency import SALIENCY, build_saliency, descriptor_output, stamp
+from .receptive_field import receptive_fields
+from .saliency import build_saliency
 from .weights.load import Weights, load_weights
 
 if TYPE_CHECKING:
     import torch
 
-OPSETS = range(11, 21)
 SIZES = (32, 48, 64, 96, 128, 160)
-
-
-@dataclass
-class ExportResult:
-    """What an export made."""
-
-    path: Path
-    contract: ModelContract
-    checks: list[verify.Check] = field(default_factory=list)
 
 
 def export_network(
@@ -99,8 +83,7 @@ def export_network(
     for other, its_layers in described.items():
         others[other].check_layers(its_layers)
     path = check_output(output or f"elf-{name}-{layer}.onnx", force)
-    if opset not in OPSETS:
-        raise ExportError(f"opset {opset} is not supported; choose {OPSETS[0]} to {OPSETS[-1]}")
+    check_opset(opset)
 
     settings = network.preprocessing
     if preprocessing == "own" and network.trained_with is None:
@@ -115,7 +98,9 @@ def export_network(
     loaded = load_weights(network, layers, weights, offline, log)
     module = network.build(loaded.tensors, layers)
     forward = torch_to_onnx(module, layers, settings.channels, opset)
-    model = build_saliency(forward, layer, own, NETWORK_INPUT, settings, network.gradient, color)
+    model = build_saliency(
+        forward, layer, own, NETWORK_INPUT, settings, differentiate=network.gradient, color=color
+    )
     fields = receptive_fields(forward, NETWORK_INPUT)
     smallest, provenance = least_size(module, settings.channels), [loaded]
     for other, its_layers in described.items():
@@ -185,71 +170,3 @@ def least_size(module: torch.nn.Module, channels: int) -> int:
         if all(min(value.shape) > 0 for value in maps):
             return pixels
     return SIZES[-1]
-
-
-def check_output(output: str | os.PathLike[str], force: bool) -> Path:
-    """The path to write to, once it is sure that writing there is wanted and possible."""
-    path = Path(output)
-    if path.is_dir():
-        raise ExportError(f"{path} is a folder; --output names a file")
-    if path.exists() and not force:
-        raise ExportError(f"{path} exists; --force overwrites it")
-    if not path.parent.is_dir():
-        raise ExportError(f"{path.parent}: no such folder")
-    return path
-
-
-def descriptor_specs(
-    model: onnx.ModelProto, layers: Sequence[str], fields: dict[str, Field]
-) -> tuple[DescriptorSpec, ...]:
-    """Output, dimension and geometry of each descriptor layer."""
-    dims = {value.name: value.type.tensor_type.shape.dim[-1].dim_value for value in model.graph.output}
-    return tuple(
-        DescriptorSpec(
-            descriptor_output(name), name, dims[descriptor_output(name)], fields[name].stride, fields[name].offset
-        )
-        for name in layers
-    )
-
-
-def cost_of(model: onnx.ModelProto, descriptors: Sequence[str]) -> dict[str, float]:
-    """Parameters, and multiply-adds per pixel of the saliency alone and of all outputs together."""
-    outputs = [SALIENCY, *(descriptor_output(name) for name in descriptors)]
-    return {
-        "params": parameters(model),
-        "saliency_macs_per_pixel": macs_per_pixel(model, [SALIENCY]),
-        "descriptors_macs_per_pixel": macs_per_pixel(model, outputs),
-    }
-
-
-def versions(opset: int) -> dict[str, str]:
-    """What made a file: for the contract."""
-    import onnxruntime
-
-    found = {
-        "elf-onnx": elf_runtime.__version__,
-        "opset": str(opset),
-        "onnx": onnx.__version__,
-        "onnxruntime": onnxruntime.__version__,
-        "python": platform.python_version(),
-    }
-    try:
-        import torch
-    except ImportError:
-        return found
-    return found | {"torch": torch.__version__}
-
-
-def write(model: onnx.ModelProto, contract: ModelContract, path: Path) -> None:
-    """Stamp the contract on the model and put the file in place in one step."""
-    model.producer_name = "elf-onnx"
-    model.producer_version = elf_runtime.__version__
-    stamp(model, contract.to_metadata())
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(model.SerializeToString(deterministic=True))
-        os.replace(part, path)
-    except OSError as error:
-        raise ExportError(f"{path}: {error.strerror or error}") from error
-    finally:
-        part.unlink(missing_ok=True)

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import onnx
 
 from .errors import ExportError
+from .passes.convert_opset import MAX_IR_VERSION
 
 if TYPE_CHECKING:
     import torch
 
 DEFAULT_OPSET = 17
-MAX_IR_VERSION = 10  # what onnxruntime of the last years loads
 NETWORK_INPUT = "network_input"
 
 

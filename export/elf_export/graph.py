@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -217,6 +217,16 @@ def captured(node: onnx.NodeProto) -> list[str]:
                 names.extend(inner.input)
                 names.extend(captured(inner))
     return [name for name in names if name]
+
+
+def nested_graphs(graph: onnx.GraphProto) -> Iterator[onnx.GraphProto]:
+    """`graph` and the bodies of its control-flow nodes, outermost first."""
+    yield graph
+    for node in graph.node:
+        for attribute in node.attribute:
+            for body in (attribute.g, *attribute.graphs):
+                if body.node:
+                    yield from nested_graphs(body)
 
 
 def _constant_of(node: onnx.NodeProto) -> onnx.TensorProto | None:

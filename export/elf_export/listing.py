@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import onnx
-from onnx import helper
 
-from .cost import PROBE, macs_per_pixel
+from .adjoint import unsupported_behind
+from .cost import fix_sizes, node_macs
 from .forward import NETWORK_INPUT, torch_to_onnx
 from .graph import Graph
+from .layout import axes_of, image_layout
 from .networks import Network
+from .passes import fold_constants
 from .receptive_field import receptive_fields
+
+# What makes no layer of its own: helpers, and the parts that exporters write an activation in.
+NO_LAYERS = frozenset(
+    {"Identity", "Cast", "Constant", "Transpose", "Pad", "Slice", "Sigmoid", "HardSigmoid", "Dropout"}
+)
 
 
 def network_table(network: Network) -> str:
@@ -23,25 +31,91 @@ def network_table(network: Network) -> str:
     return layer_table(model, NETWORK_INPUT, network.layers)
 
 
-def layer_table(model: onnx.ModelProto, image: str, layers: Sequence[str]) -> str:
-    """Channels, stride, receptive field and forward arithmetic (share of the deepest's) of each layer."""
-    graph = Graph(model)
-    fields = receptive_fields(model, image)
-    macs = {layer: _forward_macs(model, layer) for layer in layers}
+def layer_table(model: onnx.ModelProto, image: str, layers: Sequence[str] | None = None) -> str:
+    """Shape, stride, receptive field and forward arithmetic (share of the deepest's) of each layer.
+
+    Parameters
+    ----------
+    layers : names of values, optional
+        By default all maps of the image that a layer's node makes; those behind an op without an adjoint
+        are marked with it.
+    """
+    fixed = onnx.ModelProto()
+    fixed.CopyFrom(fold_constants(model))
+    layout = image_layout(Graph(fixed), image)
+    height, width = fix_sizes(fixed, image, layout)
+    graph = Graph(fixed)
+    fields = receptive_fields(graph.model, image)
+    axes = axes_of(graph, image, layout)
+    blocked = _blocked(graph, image)
+    shown = list(layers) if layers is not None else _candidates(graph, axes)
+    macs = _forward_macs(graph, shown)
     most = max(macs.values(), default=0.0) or 1.0
-    rows = [f"{'layer':<24}{'channels':>9}{'stride':>8}{'receptive field':>17}{'forward arithmetic':>20}"]
-    for layer in layers:
+    widest = max([len("layer"), *(len(layer) for layer in shown)])
+    rows = [
+        f"shapes and arithmetic at {width}x{height} pixels",
+        f"{'layer':<{widest}}  {'op':<18}{'channels':>9}{'map':>10}{'stride':>8}{'receptive field':>17}"
+        f"{'forward arithmetic':>20}",
+    ]
+    ops = {name: node.op_type for node in graph.nodes for name in node.output}
+    for layer in shown:
         shape, field = graph.shape(layer) or [], fields[layer]
-        channels = shape[1] if len(shape) > 1 else "?"
-        rows.append(f"{layer:<24}{channels!s:>9}{field.stride:>8g}{field.size:>14g} px{macs[layer] / most:>20.1%}")
+        sizes = dict(zip(axes.get(layer, "NCHW"), shape, strict=False))
+        seen = f"{field.size:g} px" if math.isfinite(field.size) else "the image"
+        channels, cells = _text(sizes, "C"), f"{_text(sizes, 'W')}x{_text(sizes, 'H')}"
+        row = (
+            f"{layer:<{widest}}  {ops[layer]:<18}{channels:>9}{cells:>10}{field.stride:>8g}{seen:>17}"
+            f"{macs[layer] / most:>20.1%}"
+        )
+        rows.append(row + (f"  no gradient through {blocked[layer]}" if layer in blocked else ""))
     return "\n".join(rows)
 
 
-def _forward_macs(model: onnx.ModelProto, layer: str) -> float:
-    """Multiply-adds per pixel up to `layer`, for a model with an (N, C, H, W) input."""
-    fixed = onnx.ModelProto()
-    fixed.CopyFrom(model)
-    image = fixed.graph.input[0]
-    channels = image.type.tensor_type.shape.dim[1].dim_value
-    image.CopyFrom(helper.make_tensor_value_info(image.name, 1, [1, channels, PROBE, PROBE]))
-    return macs_per_pixel(fixed, [layer])
+def _text(sizes: Mapping[str, object], axis: str) -> str:
+    size = sizes.get(axis)
+    return str(size) if isinstance(size, int) else "?"
+
+
+def _candidates(graph: Graph, axes: Mapping[str, str]) -> list[str]:
+    """Maps of more than one cell, but for the ends of NO_LAYERS."""
+    found = []
+    for node in graph.nodes:
+        name = node.output[0] if node.output else ""
+        if name not in axes or node.op_type in NO_LAYERS or graph.dtype(name).kind != "f":
+            continue
+        sizes = dict(zip(axes[name], graph.shape(name) or [], strict=False))
+        if (sizes.get("H"), sizes.get("W")) != (1, 1):
+            found.append(name)
+    return found
+
+
+def _blocked(graph: Graph, image: str) -> dict[str, str]:
+    """Values that depend on the image through a node without an adjoint, and that node's op."""
+    reached = {image}
+    blocked: dict[str, str] = {}
+    reasons = unsupported_behind(graph, image)
+    for node in graph.nodes:
+        arriving = [name for name in node.input if name in reached]
+        if not arriving:
+            continue
+        reached.update(node.output)
+        stops = [blocked[name] for name in arriving if name in blocked]
+        if node.output[0] in reasons:
+            stops = [node.op_type]
+        if stops:
+            blocked.update((name, stops[0]) for name in node.output)
+    return blocked
+
+
+def _forward_macs(graph: Graph, layers: Sequence[str]) -> dict[str, float]:
+    """Multiply-adds of all that each layer needs."""
+    costs = [node_macs(graph, node) for node in graph.nodes]
+    # A set of nodes as the bits of an integer: a value needs its maker's bit and those of the maker's inputs.
+    needs: dict[str, int] = {}
+    for i, node in enumerate(graph.nodes):
+        bits = 1 << i
+        for name in node.input:
+            bits |= needs.get(name, 0)
+        needs.update((name, bits) for name in node.output)
+    paid = [(i, cost) for i, cost in enumerate(costs) if cost]
+    return {layer: sum(cost for i, cost in paid if needs[layer] >> i & 1) for layer in layers}

@@ -47,6 +47,13 @@ class Preprocessing:
         mean, std = (", ".join(f"{v:g}" for v in values) for values in (self.mean, self.std))
         return f"{self.color}, (I * {self.scale:g} - [{mean}]) / [{std}]"
 
+    def arguments(self) -> list[str]:
+        """The options of elf-export that say the same."""
+        if self.standardize:
+            return ["--color", self.color, "--standardize"]
+        numbers = [f"--{key}={','.join(map(repr, getattr(self, key)))}" for key in ("mean", "std")]
+        return ["--color", self.color, "--scale", repr(self.scale), *numbers]
+
 
 def conversion(source: str, target: str) -> npt.NDArray[np.float64]:
     """(channels of source, channels of target): what takes the pixels of one colour order to another.
@@ -61,9 +68,14 @@ def conversion(source: str, target: str) -> npt.NDArray[np.float64]:
 
 
 def prepend(
-    graph: Graph, target: str, settings: Preprocessing, name: str = "image", color: str | None = None
+    graph: Graph,
+    target: str,
+    settings: Preprocessing,
+    name: str = "image",
+    color: str | None = None,
+    layout: str = "NCHW",
 ) -> None:
-    """Make the value `target`, the network's (N, C, H, W) input, from a new graph input of raw pixels.
+    """Make the value `target`, the network's input in `layout`, from a new graph input of raw pixels.
 
     Parameters
     ----------
@@ -110,11 +122,16 @@ def prepend(
         gain = graph.const(settings.scale / std64, "pre/gain", np.float32)
         shift = graph.const(-np.asarray(settings.mean, np.float64) / std64, "pre/shift", np.float32)
         x = graph.op("Add", graph.op("Mul", pixels, gain, name="pre/scaled"), shift, name="pre/normalized")
-    graph.op("Transpose", x, name="pre/nchw", outputs=[target], perm=[0, 3, 1, 2])
+    if layout == "NCHW":
+        graph.op("Transpose", x, name="pre/nchw", outputs=[target], perm=[0, 3, 1, 2])
+    else:
+        graph.op("Identity", x, name="pre/nhwc", outputs=[target])
     proto.node.extend(copies)
 
     kept = [value for value in proto.input if value.name != target]
+    sizes = dict(zip(layout, graph.shape(target) or [None] * 4, strict=True))
+    fixed = [size if isinstance(size := sizes[axis], int) else axis for axis in "NHW"]
     channels = 1 if color == "gray" else 3
-    infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["N", "H", "W", channels]), *kept]
+    infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, [*fixed, channels]), *kept]
     del proto.input[:]
     proto.input.extend(infos)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import onnx
 from onnx import helper
@@ -11,13 +12,20 @@ from onnx import helper
 from .adjoint.geometry import window_of
 from .adjoint.registry import Context
 from .graph import Graph
+from .layout import image_layout
 
 WORKING_SIZE = (480, 640)  # the paper's, height and width
+GLOBAL = frozenset(
+    {"GlobalAveragePool", "GlobalMaxPool", "GlobalLpPool", "MatMul", "Gemm", "Softmax", "LSTM", "GRU"}
+)
 
 
 @dataclass(frozen=True)
 class Field:
-    """Along one axis: cell i is centred at pixel ``offset + i * stride`` and sees `size` pixels."""
+    """Along one axis: cell i is centred at pixel ``offset + i * stride`` and sees `size` pixels.
+
+    `size` is infinite where a cell sees the whole image.
+    """
 
     stride: float = 1.0
     offset: float = 0.0
@@ -33,25 +41,36 @@ def receptive_fields(
 
         stride j s,   offset o + ((e - 1) / 2 - p) j,   size r + (e - 1) j
 
-    Other ops are taken as pointwise; where several inputs meet, the largest field decides.  Under SAME
-    padding with a stride the offset depends on the image's size: it is stated for `size` (height, width), and
-    at another one cells may lie up to half a stride of each such layer elsewhere.
+    Other ops are taken as pointwise; where several inputs meet, the largest field decides, and one that sees
+    the whole image (the gate of a squeeze-and-excitation) decides the size alone.  Under SAME padding with a
+    stride the offset depends on the image's size: it is stated for `size` (height, width), and at another one
+    cells may lie up to half a stride of each such layer elsewhere.
     """
-    graph = Graph(_resized(model, image, size))
+    graph = Graph(_at_size(model, image, size))
     fields = {image: Field()}
     for node in graph.nodes:
         inputs = [fields[name] for name in node.input if name in fields]
         if not inputs:
             continue
-        found = max(inputs, key=lambda f: f.size)
+        found = max(inputs, key=lambda f: f.size if math.isfinite(f.size) else 0)
+        found = replace(found, size=max(f.size for f in inputs))
         if node.op_type in ("Conv", "MaxPool", "AveragePool", "LpPool"):
             found = _windowed(graph, node, found)
+        elif node.op_type == "ConvTranspose":
+            found = _transposed(graph, node, found)
+        elif node.op_type in ("Resize", "Upsample"):
+            found = _resized(graph, node, found)
+        elif node.op_type in ("DepthToSpace", "SpaceToDepth"):
+            block = Context(graph, node).attrs["blocksize"]
+            found = _scaled(found, block if node.op_type == "DepthToSpace" else 1 / block)
+        elif node.op_type in GLOBAL:
+            found = replace(found, size=math.inf)
         for name in node.output:
             fields[name] = found
     return fields
 
 
-def _resized(model: onnx.ModelProto, image: str, size: Sequence[int]) -> onnx.ModelProto:
+def _at_size(model: onnx.ModelProto, image: str, size: Sequence[int]) -> onnx.ModelProto:
     """A copy for images of `size`, where the sizes are free, so that inference knows every map's."""
     fixed = onnx.ModelProto()
     fixed.CopyFrom(model)
@@ -59,7 +78,8 @@ def _resized(model: onnx.ModelProto, image: str, size: Sequence[int]) -> onnx.Mo
     for value in fixed.graph.input:
         dims = value.type.tensor_type.shape.dim
         if value.name == image and len(dims) == 4:
-            for dim, pixels in zip((dims[2], dims[3]), size, strict=True):
+            layout = image_layout(Graph(model), image)
+            for dim, pixels in zip((dims[layout.index("H")], dims[layout.index("W")]), size, strict=True):
                 if not dim.HasField("dim_value"):
                     dim.dim_value = pixels
     for value in fixed.graph.output:
@@ -84,4 +104,48 @@ def _windowed(graph: Graph, node: onnx.NodeProto, before: Field) -> Field:
         before.stride * stride,
         before.offset + ((extent - 1) / 2 - begin) * before.stride,
         before.size + (extent - 1) * before.stride,
+    )
+
+
+def _transposed(graph: Graph, node: onnx.NodeProto, before: Field) -> Field:
+    """Cell x goes to the outputs around s x + (e - 1) / 2 - p, of which each sees ceil(e / s) cells."""
+    context = Context(graph, node)
+    kernel = context.attrs.get("kernel_shape") or [
+        int(d or 1) for d in (graph.shape(node.input[1]) or [])[2:]
+    ]
+    window = window_of(context, kernel)
+    extent, stride = window.extent[-1], window.strides[-1]
+    begin = window.begin[-1] if window.begin is not None else max(extent - stride, 0) // 2
+    return Field(
+        before.stride / stride,
+        before.offset + (begin - (extent - 1) / 2) / stride * before.stride,
+        before.size + (math.ceil(extent / stride) - 1) * before.stride,
+    )
+
+
+def _resized(graph: Graph, node: onnx.NodeProto, before: Field) -> Field:
+    """The factor is the last of the scales, or the ratio of static sizes; unknown, it is taken for 1."""
+    context = Context(graph, node)
+    index = 1 if node.op_type == "Upsample" else 2
+    scales = context.value(context.input(index)) if context.input(index) else None
+    if scales is not None and scales.size:
+        factor = float(scales[-1])
+    else:
+        old, new = ((graph.shape(name) or [None])[-1] for name in (node.input[0], node.output[0]))
+        factor = new / old if isinstance(old, int) and isinstance(new, int) else 1.0
+    if context.attrs.get("mode", "nearest") == "nearest":
+        return _scaled(before, factor)
+    after = _scaled(before, factor)
+    if context.attrs.get("coordinate_transformation_mode") == "asymmetric":
+        after = replace(after, offset=before.offset)
+    return replace(after, size=before.size + before.stride)
+
+
+def _scaled(before: Field, factor: float) -> Field:
+    """`factor` cells for each one, the maps' edges coinciding: x = (y + 1/2) / factor - 1/2."""
+    return replace(
+        before,
+        stride=before.stride / factor,
+        offset=before.offset + (0.5 / factor - 0.5) * before.stride,
+        size=before.size + max(1 / factor - 1, 0) * before.stride,
     )

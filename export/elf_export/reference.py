@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 def preprocess(
-    pixels: npt.NDArray[np.floating], settings: Preprocessing, color: str | None = None
+    pixels: npt.NDArray[np.floating], settings: Preprocessing, color: str | None = None, layout: str = "NCHW"
 ) -> npt.NDArray[np.float64]:
-    """What the graph does to raw pixels of colour order `color`, in float64 numpy: (N, H, W, C) -> (N, C, H, W)."""
+    """What the graph does to raw pixels of colour order `color`, in float64 numpy: (N, H, W, C) -> `layout`."""
     x = np.asarray(pixels, np.float64)
     if color not in (None, settings.color):
         x = x @ conversion(color, settings.color)
@@ -27,7 +27,7 @@ def preprocess(
         x = x / np.maximum(np.sqrt((x * x).mean(axis=(1, 2, 3), keepdims=True)), LEAST_STD)
     else:
         x = (x * settings.scale - np.asarray(settings.mean)) / np.asarray(settings.std)
-    return np.ascontiguousarray(x.transpose(0, 3, 1, 2))
+    return np.ascontiguousarray(x.transpose(["NHWC".index(axis) for axis in layout]))
 
 
 def torch_saliency(

@@ -28,7 +28,17 @@ KEY_PREFIX = "elf."
 
 @dataclass(frozen=True)
 class InputSpec:
-    """What the graph expects to be fed."""
+    """What the graph expects to be fed.
+
+    Attributes
+    ----------
+    min_size : int
+        Smallest H and W, in pixels.
+    height, width, batch : int
+        The one size that the graph takes, 0 where it takes any.
+    multiple : int
+        Free heights and widths must be multiples of it.
+    """
 
     name: str = "image"
     color: str = "bgr"  # "bgr", "rgb" or "gray"
@@ -36,7 +46,11 @@ class InputSpec:
     dtype: str = "float32"
     value_range: float = 255.0  # the value that a saturated pixel must have
     channels: int = 3
-    min_size: int = 32  # smallest H and W, in pixels
+    min_size: int = 32
+    height: int = 0
+    width: int = 0
+    batch: int = 0
+    multiple: int = 1
 
     def check(self) -> None:
         if self.color not in ("bgr", "rgb", "gray"):
@@ -45,6 +59,33 @@ class InputSpec:
             raise ValueError(f"layout {self.layout!r} with dtype {self.dtype!r}; only NHWC float32 is defined")
         if self.channels != (1 if self.color == "gray" else 3):
             raise ValueError(f"{self.channels} channels do not fit color {self.color!r}")
+        if self.height < 0 or self.width < 0 or self.batch not in (0, 1) or self.multiple < 1:
+            raise ValueError(
+                f"height {self.height}, width {self.width}, batch {self.batch}, multiple {self.multiple}; sizes are "
+                "0 where free, the batch is 0 or 1, the multiple at least 1"
+            )
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether the image must be resized to one height or width, so that no scale can be chosen."""
+        return bool(self.height or self.width)
+
+    def size_for(self, height: int, width: int, scale: float) -> tuple[int, int]:
+        """The size (h, w) that the graph is fed for an image of (height, width) at a working scale.
+
+        A fixed size is taken as it is; where only one side is fixed, the other keeps the image's proportions.
+        """
+        if self.height and self.width:
+            return self.height, self.width
+        if self.height or self.width:
+            scale = self.height / height if self.height else self.width / width
+        h, w = (self._allowed(size * scale) for size in (height, width))
+        return self.height or h, self.width or w
+
+    def _allowed(self, size: float) -> int:
+        if self.multiple == 1:
+            return max(1, round(size))
+        return max(round(size / self.multiple), -(-self.min_size // self.multiple)) * self.multiple
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ def measure(model: str | Path, contract: ModelContract, provider: str, size: int
         If the model itself can't be opened.
     """
     side = max(size, contract.input.min_size)
-    shape = (1, side, side, contract.input.channels)
+    shape = (1, *contract.input.size_for(side, side, 1.0), contract.input.channels)
     image = np.random.default_rng(0).uniform(0.0, contract.input.value_range, shape).astype(np.float32)
     with tempfile.TemporaryDirectory() as folder:
         try:

@@ -243,6 +243,7 @@ class ElfRuntime:
         spec = self.contract.descriptor(descriptor)
         results: list[Features] = []
         group: list[_Work] = []
+        most = self.contract.input.batch or batch_size
 
         def flush() -> None:
             textured = [work for work in group if work.textured]
@@ -258,7 +259,7 @@ class ElfRuntime:
 
         for i, item in enumerate(batch):
             work = self._prepare(images.read(item), params, masks[i] if masks is not None else None)
-            if group and (len(group) == batch_size or work.pixels.shape != group[0].pixels.shape):
+            if group and (len(group) == most or work.pixels.shape != group[0].pixels.shape):
                 flush()
             group.append(work)
         if group:
@@ -333,14 +334,21 @@ class ElfRuntime:
     def _prepare(self, array: npt.NDArray[Any], params: DetectionParams, mask: npt.ArrayLike | None) -> _Work:
         spec = self.contract.input
         pixels = images.to_pixels(array, spec)
-        size = pixels.shape[:2]
+        size = (pixels.shape[0], pixels.shape[1])
         if min(size) < spec.min_size:
             raise ImageError(
                 f"the image has {size[1]}x{size[0]} pixels; the smallest is {spec.min_size}x{spec.min_size}"
             )
+        if spec.is_fixed and params.scale != 1.0:
+            raise SettingError(
+                f"{self._name} takes images of {spec.width or 'any'}x{spec.height or 'any'} (width x height) only and "
+                f"resizes to that: scale {params.scale:g} can't be chosen"
+            )
         scale = max(params.scale, spec.min_size / min(size)) if params.scale < 1.0 else params.scale
         textured = not images.is_flat(pixels)
-        pixels = images.resized(pixels, scale)
+        pixels = images.resized(pixels, spec.size_for(size[0], size[1], scale))
+        if spec.is_fixed:
+            scale = float(np.sqrt(pixels.shape[0] / size[0] * pixels.shape[1] / size[1]))
         allowed = images.to_mask(mask, size, pixels.shape[:2]) if mask is not None else None
         return _Work(pixels, size, scale, allowed, textured)
 

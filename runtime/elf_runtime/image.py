@@ -100,16 +100,14 @@ def to_pixels(image: npt.NDArray[Any], spec: InputSpec) -> Array:
     return np.asarray(pixels, np.float32)
 
 
-def resized(pixels: Array, scale: float) -> Array:
-    """`pixels` at the working scale: (H, W, C) -> (round(H s), round(W s), C).  Area average when shrinking."""
-    if scale == 1.0:
-        return pixels
+def resized(pixels: Array, size: tuple[int, int]) -> Array:
+    """`pixels` at the working size (h, w).  Area average when shrinking."""
     height, width = pixels.shape[:2]
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    if size == (width, height):
+    if size == (height, width):
         return pixels
-    method = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
-    out = np.asarray(cv2.resize(pixels, size, interpolation=method), np.float32)
+    shrinks = size[0] * size[1] < height * width
+    method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+    out = np.asarray(cv2.resize(pixels, size[::-1], interpolation=method), np.float32)
     return out[:, :, None] if out.ndim == 2 else out
 
 

@@ -157,14 +157,14 @@ def test_list(capsys: pytest.CaptureFixture[str]) -> None:
     out = capsys.readouterr().out
     assert all(layer in out for layer in LAYERS)
     (pool4,) = (line.split() for line in out.splitlines() if line.startswith("pool4"))
-    assert pool4[1:5] == ["512", "16", "100", "px"]
+    assert pool4[1:7] == ["MaxPool", "512", "32x32", "16", "100", "px"]
 
 
 def test_usage_errors(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         main([])
     assert caught.value.code == 2
-    assert "--net is required" in capsys.readouterr().err
+    assert "--net or --onnx is required" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["--net", "vgg", "--frobnicate"])
 

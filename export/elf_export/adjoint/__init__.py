@@ -19,7 +19,7 @@ from . import (  # noqa: F401  (importing them registers their rules)
     smooth,
     softmax,
 )
-from .engine import build_adjoint, nodes_between
+from .engine import build_adjoint, nodes_between, unsupported_behind
 from .registry import Context, Gradients, adjoint, no_gradient, supported_ops
 
 __all__ = [
@@ -30,4 +30,5 @@ __all__ = [
     "no_gradient",
     "nodes_between",
     "supported_ops",
+    "unsupported_behind",
 ]

@@ -88,6 +88,17 @@ def nodes_between(graph: Graph, source: str, target: str) -> list[onnx.NodeProto
 
 def _trace(graph: Graph, source: str, target: str) -> tuple[list[onnx.NodeProto], set[str]]:
     """The nodes on the differentiable paths, and the values on them."""
+    able, reached = _reach(graph, source)
+    live, path = {target} & reached, []
+    for node in reversed(able):
+        if live.intersection(node.output) and source not in node.output:
+            path.append(node)
+            live.update(reached.intersection((*node.input, *captured(node))))
+    return path[::-1], live
+
+
+def _reach(graph: Graph, source: str) -> tuple[list[onnx.NodeProto], set[str]]:
+    """The nodes that may pass a gradient, and the values that one from `source` may reach."""
     able = [node for node in graph.nodes if not has_no_gradient(node)]
     reached = {source}
     for node in able:
@@ -96,12 +107,21 @@ def _trace(graph: Graph, source: str, target: str) -> tuple[list[onnx.NodeProto]
             # Whatever reads quantised integers is kept on the path, for preflight to judge.
             whole = is_straight_through(node) or not all(is_floating(graph, name) for name in arriving)
             reached.update(name for name in node.output if name and (whole or is_floating(graph, name)))
-    live, path = {target} & reached, []
-    for node in reversed(able):
-        if live.intersection(node.output) and source not in node.output:
-            path.append(node)
-            live.update(reached.intersection((*node.input, *captured(node))))
-    return path[::-1], live
+    return able, reached
+
+
+def unsupported_behind(graph: Graph, source: str) -> dict[str, str]:
+    """First output of every node that can't be differentiated w.r.t. `source` -> why; for listings."""
+    able, reached = _reach(graph, source)
+    sizes = Sizes(graph)
+    found = {}
+    for node in able:
+        context = Context(graph, node, [name in reached for name in node.input])
+        if reached.intersection(node.output):
+            reason = why_unsupported(context, reached.intersection(node.output[:1]), sizes)
+            if reason:
+                found[str(node.output[0])] = reason
+    return found
 
 
 def preflight(graph: Graph, path: list[onnx.NodeProto], live: set[str], sizes: Sizes) -> None:

@@ -13,14 +13,18 @@ from .cut import cut
 
 MOST_ELEMENTS = 1 << 20  # of a result: a large constant that is computed from small ones stays computed
 RANDOM = frozenset({"Bernoulli", "Multinomial"})
+MOVES = frozenset({
+    "ConstantOfShape", "Identity", "Reshape", "Flatten", "Squeeze", "Unsqueeze", "Transpose", "Slice", "Concat",
+    "Expand", "Tile", "Gather",
+})  # fmt: skip
 
 
 def fold_constants(model: onnx.ModelProto) -> onnx.ModelProto:
-    """A copy of `model` in which integers that are computed from constants alone are initializers.
+    """A copy of `model` in which numbers that are computed from constants alone are initializers.
 
     Exporters write the pads of a Pad or the bounds of a Slice as chains of ConstantOfShape, Concat, Reshape
-    and Cast; a rule that needs the numbers finds them after this pass.  Only integers and booleans are
-    folded, which no rounding can change.
+    and Cast; a rule that needs the numbers finds them after this pass.  Folded are integers and booleans, and
+    floats that are only moved, which no rounding can change.
     """
     graph = Graph(model)
     known: dict[str, Array] = {}
@@ -35,7 +39,9 @@ def fold_constants(model: onnx.ModelProto) -> onnx.ModelProto:
         ):
             continue
         result = _evaluate(node, {n: v for n, v in values.items() if v is not None}, graph.opset)
-        if result is None or result.dtype.kind not in "iub" or result.size > MOST_ELEMENTS:
+        if result is None or not (result.dtype.kind in "iub" or node.op_type in MOVES):
+            continue
+        if result.size > max(MOST_ELEMENTS, *(v.size for v in values.values() if v is not None)):
             continue
         known[node.output[0]] = result
         folded.append(node)

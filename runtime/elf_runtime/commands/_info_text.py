@@ -44,9 +44,7 @@ def _contract_rows(contract: Mapping[str, Any], gflop: Mapping[str, float]) -> l
     for d in contract["descriptors"] or [None]:
         text = f"{d['layer']}: {d['dim']} values, a cell every {d['stride']:g} pixels" if d else "none"
         rows.append(_row("descriptor", text))
-    pixels = (
-        f"{spec['color']} pixels 0..{spec['value_range']:g}, at least {spec['min_size']}x{spec['min_size']}"
-    )
+    pixels = f"{spec['color']} pixels 0..{spec['value_range']:g}, {_sizes(spec)}"
     rows.append(_row("input", f"{spec['dtype']} {spec['layout']}, {pixels}"))
     rows.append(_row("preprocessing", contract["preprocessing"] or "not recorded"))
     rows.append(_row("precision", contract["precision"]))
@@ -92,6 +90,14 @@ def _short(value: Any) -> str:
 
 def _size(count: int) -> str:
     return f"{count / 1e6:.2f} MB" if count >= 100_000 else f"{count / 1e3:.1f} kB"
+
+
+def _sizes(spec: Mapping[str, Any]) -> str:
+    """Which image sizes the graph takes."""
+    if spec["height"] or spec["width"]:
+        return f"resized to {spec['width'] or 'any'}x{spec['height'] or 'any'} (width x height)"
+    text = f"at least {spec['min_size']}x{spec['min_size']}"
+    return text if spec["multiple"] == 1 else f"{text}, resized to multiples of {spec['multiple']}"
 
 
 def _row(label: str, text: str) -> str:

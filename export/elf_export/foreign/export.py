@@ -1,0 +1,214 @@
+"""From anyone's .onnx file to a verified ELF model; needs onnx, onnxruntime and numpy, no torch."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import shlex
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import onnx
+
+from elf_export import differences
+from elf_export.errors import ExportError, LayerError
+from elf_export.output import (
+    ExportResult,
+    check_opset,
+    check_output,
+    cost_of,
+    descriptor_specs,
+    versions,
+    write,
+)
+from elf_export.passes import convert_opset, cut, opset_of, single_precision
+from elf_export.preprocessing import Preprocessing
+from elf_export.receptive_field import Field, receptive_fields
+from elf_export.saliency import build_gradient, build_saliency, descriptor_output
+from elf_runtime import DetectionParams, InputSpec, ModelContract, WeightsSpec
+from elf_runtime.session import open_session
+
+from .free_sizes import Sizes, free_sizes
+from .image_input import ImageInput, find_image_input
+from .layers import resolve_layer
+from .load import load_model
+
+
+@dataclass(frozen=True)
+class Source:
+    """A foreign model, ready to be differentiated.
+
+    Attributes
+    ----------
+    model : onnx.ModelProto
+        Cut at the layers, in float32, of an opset that the rules know, its sizes freed.
+    """
+
+    model: onnx.ModelProto
+    image: ImageInput
+    sizes: Sizes
+    layers: tuple[str, ...]
+
+
+def prepare(
+    model: onnx.ModelProto, layers: Sequence[str], image_input: str | None = None, opset: int | None = None
+) -> Source:
+    """Find the image and the layers, cut, convert, and free the sizes.
+
+    Parameters
+    ----------
+    layers : names
+        Of values or nodes, or unique ends of them.
+
+    Raises
+    ------
+    ExportError
+        From `find_image_input`, `resolve_layer`, `convert_opset` or `free_sizes`.
+    """
+    image = find_image_input(model, image_input)
+    names = tuple(resolve_layer(model, layer) for layer in layers)
+    trunk = cut(model, list(dict.fromkeys(names)))
+    inputs = [value.name for value in trunk.graph.input]
+    if image.name not in inputs:
+        raise LayerError(f"{', '.join(map(repr, names))} does not depend on the image {image.name!r}")
+    if inputs != [image.name]:
+        others = ", ".join(repr(name) for name in inputs if name != image.name)
+        raise LayerError(
+            f"the layer needs more inputs than the image: {others}; choose one before they come in"
+        )
+    trunk = convert_opset(single_precision(trunk, [image.name]), opset)
+    trunk, sizes = free_sizes(trunk, image)
+    return Source(trunk, image, sizes, names)
+
+
+def export_onnx(
+    file: str | os.PathLike[str],
+    layer: str,
+    descriptors: Sequence[str],
+    output: str | os.PathLike[str] | None = None,
+    *,
+    image_input: str | None = None,
+    preprocessing: Preprocessing | None = None,
+    opset: int | None = None,
+    force: bool = False,
+    detection: DetectionParams | None = None,
+    log: Callable[[str], None] = lambda text: None,
+) -> ExportResult:
+    """Export any CNN's .onnx file as an ELF model.
+
+    Parameters
+    ----------
+    layer, descriptors : names
+        Of values or nodes, or unique ends of them; no descriptors make a detector.
+    output : path, optional
+        ``elf-FILE-LAYER.onnx`` by default.
+    image_input : str, optional
+        Name of the image input, where several may be one.
+    preprocessing : Preprocessing, optional
+        By default the paper's standardisation, on RGB (or gray) pixels.
+    opset : int, optional
+        The file's own by default, moved into 11 to 20.
+
+    Returns
+    -------
+    ExportResult
+
+    Raises
+    ------
+    ExportError
+        A file that can't be read or run, an unknown layer, an op without an adjoint, or a gradient that does
+        not agree with central differences; no file is left behind.
+    """
+    if opset is not None:
+        check_opset(opset)
+    model = load_model(file)
+    source = prepare(model, [layer, *descriptors], image_input, opset)
+    name, *described = source.layers
+    described = list(dict.fromkeys(described))
+    path = check_output(output or f"elf-{Path(file).stem}-{file_name(name)}.onnx", force)
+    settings = preprocessing or Preprocessing(color="gray" if source.image.channels == 1 else "rgb")
+    if settings.channels != source.image.channels:
+        raise ExportError(
+            f"--color {settings.color} has {settings.channels} channel(s), the image input {source.image.name!r} "
+            f"takes {source.image.channels}"
+        )
+    log(f"image {source.image.name!r}, {source.image.layout}, {source.image.channels} channel(s); sizes: "
+        f"{source.sizes.describe()}")  # fmt: skip
+
+    saliency = build_saliency(source.model, name, described, source.image.name, settings)
+    gradient = build_gradient(source.model, name, source.image.name)
+    agreement = differences.check(
+        cut(source.model, [name]), gradient, saliency, name, source.image, source.sizes, settings
+    )
+    differences.require(agreement)
+    log(differences.table(agreement))
+
+    fields = measured_fields(saliency, source, settings, described)
+    arguments = [
+        "elf-export",
+        "--onnx",
+        Path(file).name,
+        "--layer",
+        name,
+        "--desc",
+        ",".join(described) or "none",
+    ]
+    sizes = source.sizes
+    contract = ModelContract(
+        network=Path(file).stem,
+        layer=name,
+        stride=fields[name].stride,
+        input=InputSpec(
+            color=settings.color, channels=settings.channels, min_size=sizes.min_size,
+            height=sizes.height, width=sizes.width, batch=sizes.batch, multiple=sizes.multiple,
+        ),
+        descriptors=descriptor_specs(saliency, described, fields),
+        detection=detection or DetectionParams(),
+        preprocessing=settings.describe(),
+        weights=WeightsSpec(Path(file).name, hashlib.sha256(Path(file).read_bytes()).hexdigest(), ""),
+        parity=differences.parity(agreement),
+        cost=cost_of(saliency, described),
+        versions=versions(opset_of(saliency)),
+        command=shlex.join([*arguments, *settings.arguments()]),
+    )  # fmt: skip
+    write(saliency, contract, path)
+    return ExportResult(path, contract)
+
+
+def measured_fields(
+    saliency: onnx.ModelProto, source: Source, settings: Preprocessing, descriptors: Sequence[str]
+) -> dict[str, Field]:
+    """The layers' geometry, held against the sizes of the maps that a run gives.
+
+    Where the walk over the nodes does not explain a map's size (a Resize to computed sizes, a space-to-depth
+    written in Slices), the cells are taken to tile the image.
+
+    Raises
+    ------
+    LayerError
+        If the cells of a descriptor's map are not square.
+    """
+    fields = receptive_fields(source.model, source.image.name)
+    height, width = source.sizes.near(224, 256)
+    session, _ = open_session(saliency.SerializeToString())
+    pixels = np.zeros((1, height, width, settings.channels), np.float32)
+    for name in descriptors:
+        h, w = session.run([descriptor_output(name)], {"image": pixels})[0].shape[1:3]
+        across, down = width / w, height / h
+        field = fields[name]
+        # A map may lose or gain a cell at its border, by padding and rounding.
+        if abs(width / field.stride - w) > 2 or abs(height / field.stride - h) > 2:
+            if not math.isclose(across, down, rel_tol=0.1):
+                raise LayerError(
+                    f"{name!r} can't describe keypoints: its cells are {across:g}x{down:g} pixels, and must be square"
+                )
+            fields[name] = Field(across, (across - 1) / 2, field.size)
+    return fields
+
+
+def file_name(layer: str) -> str:
+    """A layer's name as part of a file's."""
+    return "".join(c if c.isalnum() or c in "._" else "_" for c in layer).strip("_.") or "layer"

@@ -1,0 +1,82 @@
+"""Where the channels are: NCHW or NHWC, of the image and of every map that is made from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .graph import Dim, Graph
+
+COLOR_CHANNELS = (1, 3)
+
+WINDOWED = frozenset({
+    "Conv", "ConvTranspose", "MaxPool", "AveragePool", "LpPool", "GlobalAveragePool", "GlobalMaxPool",
+    "BatchNormalization", "InstanceNormalization", "LRN", "DepthToSpace", "SpaceToDepth",
+})  # fmt: skip
+TAKES_APART = frozenset({"Reshape", "MatMul", "Gemm", "Shape", "Gather", "Einsum", "Squeeze", "Unsqueeze"})
+
+
+def image_layout(graph: Graph, name: str) -> str:
+    """ "NCHW" or "NHWC" of an input of rank 4, told as `find_image_input` does."""
+    return layout_of(graph, name, graph.shape(name) or [None] * 4)[0]
+
+
+def layout_of(graph: Graph, name: str, shape: Sequence[Dim]) -> tuple[str, int]:
+    """Layout and channels of an input of rank 4: by its sizes, else by the first Conv's kernel."""
+    first, last = static_size(shape[1]), static_size(shape[3])
+    like_channels = [c in COLOR_CHANNELS for c in (first, last)]
+    if like_channels == [True, False]:
+        return "NCHW", first or 0
+    if like_channels == [False, True]:
+        return "NHWC", last or 0
+    if first is not None and last is not None and not any(like_channels):
+        return "NCHW", 0
+    return _layout_by_use(graph, name)
+
+
+def _layout_by_use(graph: Graph, name: str) -> tuple[str, int]:
+    """Follow the input to its first Conv: what it goes through tells where the channels are."""
+    readers = graph.consumers()
+    perm = [0, 1, 2, 3]
+    while True:
+        nodes = readers.get(name, [])
+        if not nodes:
+            return "NCHW", 0
+        node = nodes[0]
+        if node.op_type == "Conv" and node.input[0] == name:
+            kernel = graph.shape(node.input[1]) or []
+            group = next((a.i for a in node.attribute if a.name == "group"), 1)
+            channels = (static_size(kernel[1]) or 0) * group if len(kernel) > 1 else 0
+            return ("NCHW" if perm == [0, 1, 2, 3] else "NHWC"), channels
+        if node.op_type == "Transpose":
+            step = next((list(a.ints) for a in node.attribute if a.name == "perm"), [3, 2, 1, 0])
+            perm = [perm[i] for i in step]
+        name = node.output[0]
+
+
+def static_size(dim: Dim) -> int | None:
+    """A stated size; Paddle writes -1 for a free one."""
+    return dim if isinstance(dim, int) and dim > 0 else None
+
+
+def axes_of(graph: Graph, image: str, layout: str) -> dict[str, str]:
+    """The layout, "NCHW" or another order, of every value that is a map of the image.
+
+    Starts from the image and follows Transposes; a convolution or a pool makes NCHW.  A value that an op
+    like Reshape or MatMul has taken apart is left out.
+    """
+    found = {image: layout}
+    for node in graph.nodes:
+        sources = [found[name] for name in node.input if name in found]
+        if not sources or not node.output or graph.rank(node.output[0]) != 4:
+            continue
+        if node.op_type in WINDOWED:
+            axes = "NCHW"
+        elif node.op_type == "Transpose":
+            perm = next((list(a.ints) for a in node.attribute if a.name == "perm"), [3, 2, 1, 0])
+            axes = "".join(sources[0][i] for i in perm)
+        elif node.op_type in TAKES_APART:
+            continue
+        else:
+            axes = sources[0]
+        found.update((name, axes) for name in node.output if name)
+    return found

@@ -1,0 +1,152 @@
+"""elf-export's options: what each takes, and which go together."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from fractions import Fraction
+
+from .preprocessing import Preprocessing
+
+EPILOG = """\
+examples:
+  elf-export --net vgg --layer pool2                     the paper's detector, described by pool4
+  elf-export --net vgg --layer pool1 --desc pool3        a cheaper one
+  elf-export --net vgg --layer pool2 --desc none         saliency and keypoints only
+  elf-export --net superpoint --desc vgg:pool3 --weights superpoint_v1.pth
+                                                         SuperPoint detects, VGG describes
+  elf-export --net vgg --list                            the layers to choose from
+  elf-export --onnx model.onnx --list                    the layers of anyone's model
+  elf-export --onnx model.onnx --layer relu2 --desc relu4
+                                                         an ELF model from it; needs no PyTorch
+"""
+
+ONLY_WITH_NET = ("weights", "offline", "preprocess", "desc_weights")
+ONLY_WITH_ONNX = ("input", "color", "mean", "std", "scale", "standardize")
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line's grammar."""
+    p = argparse.ArgumentParser(
+        prog="elf-export",
+        description="Write one .onnx file that computes a CNN's saliency |F^T dF/dI| (the backward pass is in the "
+        "graph) and its descriptor maps; elf_runtime finds keypoints with it, without PyTorch.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument(
+        "--layer", metavar="LAYER", help="the layer F that keypoints come from (--net: the paper's)"
+    )
+    p.add_argument(
+        "--desc", metavar="LAYER[,LAYER...]|none",
+        help="layers that describe the keypoints, the first being the default; with --net, NET:LAYER takes another "
+        "network's (--net: the paper's)",
+    )  # fmt: skip
+    p.add_argument("--output", "-o", metavar="FILE", help="default: elf-NET-LAYER.onnx")
+    p.add_argument("--opset", type=int, metavar="N", help="ONNX opset of the file, 11 to 20 (default: 17; with "
+                   "--onnx the model's own, if it is one of these)")  # fmt: skip
+    p.add_argument("--force", action="store_true", help="overwrite an existing file")
+    p.add_argument("--list", action="store_true", help="list the networks, or the layers of one, and stop")
+
+    net = p.add_argument_group("a network that comes with the exporter")
+    net.add_argument("--net", metavar="NAME", help="--list shows the names")
+    net.add_argument(
+        "--weights", metavar="FILE",
+        help="trained weights: .pth, .h5, .keras, .safetensors, .npz or .onnx (default: the published ones, from "
+        "the cache, the bundled model, the publisher or a package index)",
+    )  # fmt: skip
+    net.add_argument("--desc-weights", metavar="FILE", help="weights of the other network of --desc NET:LAYER")
+    net.add_argument(
+        "--preprocess", choices=("paper", "own"),
+        help="what the detector is fed: each image standardised (paper, the default), or what it was trained with",
+    )  # fmt: skip
+    net.add_argument("--offline", action="store_true", help="never use the network; so does ELF_OFFLINE=1")
+
+    onnx = p.add_argument_group(
+        "anyone's model",
+        "Layers are named by value or node, or by an end of such a name that only one has.  The pixels I, 0..255, "
+        "become (I * scale - mean) / std; without these options the model sees them standardized.",
+    )
+    onnx.add_argument("--onnx", metavar="FILE", help="a CNN in ONNX's format, from any framework")
+    onnx.add_argument("--input", metavar="NAME", help="the image input, where several may be one")
+    onnx.add_argument("--color", choices=("bgr", "rgb", "gray"), help="default: rgb, or gray for one channel")
+    onnx.add_argument(
+        "--scale", type=number, metavar="S", help="a number or a fraction like 1/255 (default: 1)"
+    )
+    onnx.add_argument(
+        "--mean", type=numbers, metavar="M[,M,M]", help="per channel, of the scaled pixels (default: 0)"
+    )
+    onnx.add_argument(
+        "--std", type=numbers, metavar="D[,D,D]", help="per channel, of the scaled pixels (default: 1)"
+    )
+    onnx.add_argument("--standardize", action="store_true",
+                      help="(I - mean(I)) / std(I) over each image, as in the paper")  # fmt: skip
+    return p
+
+
+def number(text: str) -> float:
+    """A number or a fraction: "0.5", "1/255"."""
+    try:
+        return float(Fraction(text.strip()))
+    except (ValueError, ZeroDivisionError):
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a number nor a fraction like 1/255") from None
+
+
+def numbers(text: str) -> tuple[float, ...]:
+    """One number for all channels, or one for each, separated by commas."""
+    values = tuple(number(part) for part in text.split(","))
+    if len(values) not in (1, 3):
+        raise argparse.ArgumentTypeError(f"{text!r} has {len(values)} numbers; give one, or one a channel")
+    return values
+
+
+def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
+    """Call `fail` with the first option that doesn't go with the others."""
+
+    def given(name: str) -> bool:
+        return getattr(args, name) not in (None, False)
+
+    if args.net is not None and args.onnx is not None:
+        fail("--net and --onnx exclude each other: a network of ours, or a model of yours")
+    for names, needed, other in ((ONLY_WITH_NET, "net", "onnx"), (ONLY_WITH_ONNX, "onnx", "net")):
+        for name in names:
+            if given(name) and getattr(args, needed) is None:
+                why = f", which brings its own with --{other}" if getattr(args, other) is not None else ""
+                fail(f"--{name.replace('_', '-')} goes with --{needed} only{why}")
+    for name in ("mean", "std", "scale"):
+        if args.standardize and given(name):
+            fail(f"--standardize and --{name} exclude each other")
+        if args.color == "gray" and name != "scale" and given(name) and len(getattr(args, name)) != 1:
+            fail(f"--{name} has {len(getattr(args, name))} numbers, --color gray has one channel")
+    if args.std is not None and min(map(abs, args.std)) == 0:
+        fail("--std has a zero, by which the pixels would be divided")
+    if args.list:
+        return
+    if args.net is None and args.onnx is None:
+        fail("--net or --onnx is required (--list shows the networks)")
+    if args.onnx is not None:
+        if args.layer is None:
+            fail("--onnx needs --layer (--list shows the layers)")
+        if args.desc is None:
+            fail("--onnx needs --desc: layers to describe keypoints with, or none")
+
+
+def preprocessing_of(args: argparse.Namespace) -> Preprocessing | None:
+    """What --color, --mean, --std, --scale and --standardize say; None where they say nothing."""
+    stated = [value is not None for value in (args.mean, args.std, args.scale)]
+    if not any(stated) and args.color is None and not args.standardize:
+        return None
+    return Preprocessing(
+        color=args.color or "rgb",
+        standardize=not any(stated),
+        scale=1.0 if args.scale is None else args.scale,
+        mean=args.mean or (0.0,),
+        std=args.std or (1.0,),
+    )
+
+
+def layers_of(text: str | None) -> list[str] | None:
+    """--desc as a list: None where it is not given, empty for "none"."""
+    if text is None:
+        return None
+    return [] if text == "none" else [name.strip() for name in text.split(",") if name.strip()]

@@ -1,0 +1,108 @@
+"""What every export ends with: a checked output path, the contract's figures, one file written in one step."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import onnx
+
+import elf_runtime
+from elf_runtime import DescriptorSpec, ModelContract
+
+from . import verify
+from .cost import macs_per_pixel, parameters
+from .errors import ExportError
+from .passes import OPSETS
+from .receptive_field import Field
+from .saliency import SALIENCY, descriptor_output, stamp
+
+
+@dataclass
+class ExportResult:
+    """What an export made."""
+
+    path: Path
+    contract: ModelContract
+    checks: list[verify.Check] = field(default_factory=list)
+
+
+def check_opset(opset: int) -> None:
+    """Raise ExportError on an opset that the rules are not written for."""
+    if opset not in OPSETS:
+        raise ExportError(f"opset {opset} is not supported; choose {OPSETS[0]} to {OPSETS[-1]}")
+
+
+def check_output(output: str | os.PathLike[str], force: bool) -> Path:
+    """The path to write to, once it is sure that writing there is wanted and possible."""
+    path = Path(output)
+    if path.is_dir():
+        raise ExportError(f"{path} is a folder; --output names a file")
+    if path.exists() and not force:
+        raise ExportError(f"{path} exists; --force overwrites it")
+    if not path.parent.is_dir():
+        raise ExportError(f"{path.parent}: no such folder")
+    return path
+
+
+def descriptor_specs(
+    model: onnx.ModelProto, layers: Sequence[str], fields: dict[str, Field]
+) -> tuple[DescriptorSpec, ...]:
+    """Output, dimension and geometry of each descriptor layer."""
+    dims = {value.name: value.type.tensor_type.shape.dim[-1].dim_value for value in model.graph.output}
+    return tuple(
+        DescriptorSpec(
+            descriptor_output(name),
+            name,
+            dims[descriptor_output(name)],
+            fields[name].stride,
+            fields[name].offset,
+        )
+        for name in layers
+    )
+
+
+def cost_of(model: onnx.ModelProto, descriptors: Sequence[str]) -> dict[str, float]:
+    """Parameters, and multiply-adds per pixel of the saliency alone and of all outputs together."""
+    outputs = [SALIENCY, *(descriptor_output(name) for name in descriptors)]
+    return {
+        "params": parameters(model),
+        "saliency_macs_per_pixel": macs_per_pixel(model, [SALIENCY]),
+        "descriptors_macs_per_pixel": macs_per_pixel(model, outputs),
+    }
+
+
+def versions(opset: int) -> dict[str, str]:
+    """What made a file: for the contract."""
+    import onnxruntime
+
+    found = {
+        "elf-onnx": elf_runtime.__version__,
+        "opset": str(opset),
+        "onnx": onnx.__version__,
+        "onnxruntime": onnxruntime.__version__,
+        "python": platform.python_version(),
+    }
+    try:
+        import torch
+    except ImportError:
+        return found
+    return found | {"torch": torch.__version__}
+
+
+def write(model: onnx.ModelProto, contract: ModelContract, path: Path) -> None:
+    """Stamp the contract on the model and put the file in place in one step."""
+    model.producer_name = "elf-onnx"
+    model.producer_version = elf_runtime.__version__
+    stamp(model, contract.to_metadata())
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_bytes(model.SerializeToString(deterministic=True))
+        os.replace(part, path)
+    except OSError as error:
+        raise ExportError(f"{path}: {error.strerror or error}") from error
+    finally:
+        part.unlink(missing_ok=True)
