@@ -46,7 +46,9 @@ def test_the_command_writes_one_verified_file(tmp_path: Path, capsys: pytest.Cap
     assert c.parity["keypoint_agreement"] >= 0.99
     assert c.weights.licence == "CC BY 4.0"
     # By hand, per pixel: conv1_1 64*27 + conv1_2 64*576 + (conv2_1 128*576 + conv2_2 128*1152) / 4, and back.
-    assert c.cost["saliency_macs_per_pixel"] == 2 * (64 * 27 + 64 * 576 + 128 * 576 / 4 + 128 * 1152 / 4)
+    by_hand = 2 * (64 * 27 + 64 * 576 + 128 * 576 / 4 + 128 * 1152 / 4)
+    # A little more for the pools' comparisons, and for one more row and column of their gradients' phases.
+    assert by_hand <= c.cost["saliency_macs_per_pixel"] < 1.03 * by_hand
     image = textured(96, 128)
     f = elf.detect(image, border=4)
     assert f.descriptors.shape == (len(f), 256)

@@ -213,7 +213,7 @@ def test_a_wrong_gradient_is_not_written(
     for module in (conv, phases):
         monkeypatch.setattr(module, "flipped", lambda weight, _: np.ascontiguousarray(weight.swapaxes(0, 1)))
     with pytest.raises(
-        VerificationError, match="(?s)disagrees with central differences.*No file was written"
+        VerificationError, match=r"(?s)disagrees with central differences.*No file was written"
     ):
         export_onnx(path, "pool1", [], tmp_path / "elf.onnx")
     monkeypatch.chdir(tmp_path)
