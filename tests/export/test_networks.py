@@ -296,7 +296,8 @@ def test_real_weights_are_recognised_and_agree_with_autograd(tmp_path: Path, nam
 
 def test_the_reference_converts_colours_as_opencv_does() -> None:
     image = textured(20, 30).astype(np.float32)
-    grey = get_network("superpoint").preprocessing
+    grey = get_network("superpoint").trained_with
+    assert grey is not None
     wanted = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) / 255
     np.testing.assert_allclose(preprocess(image[None], grey, "bgr")[0, 0], wanted, atol=1e-6)
 
