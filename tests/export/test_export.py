@@ -125,12 +125,13 @@ def test_unknown_layer_is_a_layer_error() -> None:
 
 def test_a_graph_that_disagrees_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrong adjoint (the kernel not flipped) fails verification, exits non-zero, and leaves no file."""
-    import elf_export.adjoint.conv as conv
+    from elf_export.adjoint import conv, phases
 
     def unflipped(weight: np.ndarray, group: int) -> np.ndarray:
         return np.ascontiguousarray(weight.swapaxes(0, 1))
 
-    monkeypatch.setattr(conv, "flipped", unflipped)
+    for module in (conv, phases):
+        monkeypatch.setattr(module, "flipped", unflipped)
     with pytest.raises(VerificationError, match=r"(?s)disagrees with its reference.*No file was written"):
         export_network("vgg", "pool1", [], tmp_path / "a.onnx", offline=True)
     monkeypatch.chdir(tmp_path)
