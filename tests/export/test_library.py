@@ -10,10 +10,10 @@ import numpy as np
 import onnx
 import onnxruntime as ort
 import pytest
-from export import small_models as small
-from helpers import ROOT
 
 from elf_export import LayerError, build_gradient
+from export import small_models as small
+from helpers import ROOT
 
 EXAMPLES = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "library.md").read_text(), re.DOTALL)
 

@@ -96,7 +96,7 @@ def export_onnx(
     opset: int | None = None,
     force: bool = False,
     detection: DetectionParams | None = None,
-    log: Callable[[str], None] = lambda text: None,
+    log: Callable[[str], None] = lambda _: None,
 ) -> ExportResult:
     """Export any CNN's .onnx file as an ELF model.
 
