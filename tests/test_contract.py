@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pytest
 
@@ -11,6 +11,7 @@ from elf_runtime import (
     ContractError,
     DescriptorSpec,
     DetectionParams,
+    InputSpec,
     ModelContract,
     SettingError,
     WeightsSpec,
@@ -141,3 +142,29 @@ def test_the_metadata_is_json() -> None:
 def test_settings_out_of_range(changes: dict[str, object]) -> None:
     with pytest.raises(SettingError):
         DetectionParams().updated(**changes)
+
+
+def test_a_fixed_size_must_be_stated() -> None:
+    fixed = Tensor("image", "tensor(float)", [1, 40, "W", 3])
+    outputs = [SALIENCY, POOL4]
+    spec = InputSpec(height=40, batch=1)
+    replace(CONTRACT, input=spec).check_tensors([fixed], outputs, "a.onnx")
+    with pytest.raises(ContractError, match=r"'elf\.input' says height free, the graph takes 40 only"):
+        replace(CONTRACT, input=InputSpec(batch=1)).check_tensors([fixed], outputs, "a.onnx")
+    with pytest.raises(ValueError, match="the batch is 0 or 1"):
+        InputSpec(batch=10).check()
+
+
+@pytest.mark.parametrize(
+    ("spec", "scale", "size"),
+    [
+        (InputSpec(), 0.5, (60, 80)),
+        (InputSpec(height=224, width=200), 1.0, (224, 200)),
+        (InputSpec(height=60), 1.0, (60, 80)),
+        (InputSpec(width=320), 1.0, (240, 320)),
+        (InputSpec(multiple=32), 1.0, (128, 160)),
+        (InputSpec(multiple=32, min_size=64), 0.3, (64, 64)),
+    ],
+)
+def test_the_size_that_the_graph_is_fed(spec: InputSpec, scale: float, size: tuple[int, int]) -> None:
+    assert spec.size_for(120, 160, scale) == size

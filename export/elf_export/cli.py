@@ -7,20 +7,19 @@ import sys
 from collections.abc import Sequence
 
 from .errors import ExportError
+from .options import check, layers_of, parser, preprocessing_of
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit status (0 done, 1 failed, 2 wrong usage)."""
+    p = parser()
+    args = p.parse_args(argv)
+    check(args, p.error)
     try:
         import onnx  # noqa: F401
     except ImportError:
         print("elf-export: error: exporting needs more: pip install 'elf-onnx[export]'", file=sys.stderr)
         return 1
-    from .options import check, parser
-
-    p = parser()
-    args = p.parse_args(argv)
-    check(args, p.error)
     try:
         if args.list:
             _list(args)
@@ -33,8 +32,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _export(args: argparse.Namespace) -> None:
-    from .options import layers_of, preprocessing_of
-
     if args.onnx is not None:
         from .foreign.export import export_onnx
 

@@ -66,7 +66,9 @@ FLOAT32 = Arithmetic("float32", (3e-5, 1e-4, 3e-4, 1e-3), ((96, 128), (101, 141)
 
 AFFORDABLE = 2e9  # multiply-adds of one float64 pass; about half a second
 SAME_FORWARD = 1e-4  # of max |F|: the float64 evaluator computes what ONNX Runtime does
-SAME_MAP = 1e-5  # of max S: the median pixel's difference between the file's S and the mean of float32's |g|
+# Of max S: the median pixel's difference between the file's S and the mean of float32's |g|.  It is 1e-7 but where
+# the graph's own preprocessing, a few ulp from numpy's, switches a ReLU of a deep layer.
+SAME_MAP = 5e-3
 # Of max |g|, float32's gradient against float64's: the median and 99 % of the pixels.  Where a ReLU switches
 # between the two, g differs over its whole receptive field, which for a deep layer is the image.
 ROUNDING, SWITCHED = 1e-2, 0.2

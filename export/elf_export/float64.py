@@ -60,35 +60,61 @@ class Conv(OpRun):
     op_domain = ""
 
     def _run(
-        self, x: Array, w: Array, b: Array | None = None, auto_pad: str = "NOTSET",
-        dilations: Sequence[int] | None = None, group: int = 1, kernel_shape: Sequence[int] | None = None,
-        pads: Sequence[int] | None = None, strides: Sequence[int] | None = None,
+        self, x: Array, w: Array, b: Array | None = None, kernel_shape: Sequence[int] | None = None,
+        group: int = 1, **window: Any,
     ) -> tuple[Array]:  # fmt: skip
         del kernel_shape  # the kernel has it
         n = x.ndim - 2
-        kernel, steps, gaps = w.shape[2:], strides or [1] * n, dilations or [1] * n
-        extent = [(k - 1) * d + 1 for k, d in zip(kernel, gaps, strict=True)]
-        begin, end = list((pads or [0] * 2 * n)[:n]), list((pads or [0] * 2 * n)[n:])
-        if auto_pad in ("SAME_UPPER", "SAME_LOWER"):
-            lack = [
-                max((-(-h // s) - 1) * s + e - h, 0)
-                for h, s, e in zip(x.shape[2:], steps, extent, strict=True)
-            ]
-            small, large = [t // 2 for t in lack], [t - t // 2 for t in lack]
-            begin, end = (small, large) if auto_pad == "SAME_UPPER" else (large, small)
-        elif auto_pad == "VALID":
-            begin = end = [0] * n
-        padded = np.pad(x, [(0, 0), (0, 0), *zip(begin, end, strict=True)])
-        windows = np.lib.stride_tricks.sliding_window_view(padded, extent, tuple(range(2, 2 + n)))
-        places = tuple(slice(None, None, s) for s in steps)
-        windows = windows[(slice(None), slice(None), *places, *(slice(None, None, d) for d in gaps))]
+        windows = _windows(x, w.shape[2:], 0.0, **window)
         out = windows.shape[2 : 2 + n]
         # (N, G, I/g k..., places) from (N, G, I/g, places, k...)
-        apart = windows.reshape(len(x), group, w.shape[1], *out, *kernel)
+        apart = windows.reshape(len(x), group, w.shape[1], *out, *w.shape[2:])
         order = (0, 1, 2, *range(3 + n, 3 + 2 * n), *range(3, 3 + n))
         columns = apart.transpose(order).reshape(len(x), group, -1, int(np.prod(out)))
         y = (w.reshape(group, len(w) // group, -1) @ columns).reshape(len(x), len(w), *out)
         return (y if b is None else y + b.reshape(-1, *[1] * n),)
+
+
+class MaxPool(OpRun):
+    """The evaluator's loops over places in Python."""
+
+    op_domain = ""
+
+    def _run(
+        self, x: Array, kernel_shape: Sequence[int] = (), storage_order: int = 0, **window: Any
+    ) -> tuple[Array]:
+        del storage_order  # of the indices, which no graph with an adjoint asks for
+        if len(self.onnx_node.output) > 1:
+            raise NotImplementedError("MaxPool's indices")
+        return (_windows(x, kernel_shape, -np.inf, **window).max(axis=tuple(range(x.ndim, 2 * x.ndim - 2))),)
+
+
+def _windows(
+    x: Array, kernel: Sequence[int], fill: float, auto_pad: str | None = None,
+    dilations: Sequence[int] | None = None, pads: Sequence[int] | None = None,
+    strides: Sequence[int] | None = None, ceil_mode: int = 0,
+) -> Array:  # fmt: skip
+    """What a sliding window sees at each place: (N, C, H, W) -> (N, C, places..., kernel...)."""
+    n = len(kernel)
+    steps, gaps, sizes = strides or [1] * n, dilations or [1] * n, x.shape[2:]
+    extent = [(k - 1) * d + 1 for k, d in zip(kernel, gaps, strict=True)]
+    begin, end = list((pads or [0] * 2 * n)[:n]), list((pads or [0] * 2 * n)[n:])
+    if auto_pad in ("SAME_UPPER", "SAME_LOWER"):
+        lack = [max((-(-h // s) - 1) * s + e - h, 0) for h, s, e in zip(sizes, steps, extent, strict=True)]
+        small, large = [t // 2 for t in lack], [t - t // 2 for t in lack]
+        begin, end = (small, large) if auto_pad == "SAME_UPPER" else (large, small)
+    elif auto_pad == "VALID":
+        begin = end = [0] * n
+    if ceil_mode:
+        # Room for one more window, unless it would begin behind the last pixel.
+        for i, (h, s, e) in enumerate(zip(sizes, steps, extent, strict=True)):
+            last = -(-(h + begin[i] + end[i] - e) // s) * s
+            last -= s if last >= h + begin[i] else 0
+            end[i] = max(end[i], last + e - h - begin[i])
+    padded = np.pad(x, [(0, 0), (0, 0), *zip(begin, end, strict=True)], constant_values=fill)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, extent, tuple(range(2, 2 + n)))
+    places = tuple(slice(None, None, s) for s in steps)
+    return windows[(slice(None), slice(None), *places, *(slice(None, None, d) for d in gaps))]
 
 
 class BatchNormalization(OpRun):
@@ -127,4 +153,4 @@ class LRN(OpRun):
         return (x / (float(bias) + float(alpha) / size * total) ** float(beta),)
 
 
-STAND_INS = [Conv, BatchNormalization, Erf, LRN]
+STAND_INS = [Conv, MaxPool, BatchNormalization, Erf, LRN]

@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
-from .preprocessing import Preprocessing
+if TYPE_CHECKING:
+    from .preprocessing import Preprocessing
 
 EPILOG = """\
 examples:
@@ -133,6 +135,8 @@ def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
 
 def preprocessing_of(args: argparse.Namespace) -> Preprocessing | None:
     """What --color, --mean, --std, --scale and --standardize say; None where they say nothing."""
+    from .preprocessing import Preprocessing
+
     stated = [value is not None for value in (args.mean, args.std, args.scale)]
     if not any(stated) and args.color is None and not args.standardize:
         return None

