@@ -291,7 +291,7 @@ def test_real_weights_are_recognised_and_agree_with_autograd(tmp_path: Path, nam
         cv2.imread(str(ROOT / "demo" / "palace.jpg")), (320, 240), interpolation=cv2.INTER_AREA
     )
     elf = ElfRuntime(result.path)
-    assert len(elf.detect(image)) >= 5
+    assert len(elf.detect(image, threshold="none")) >= 50
 
 
 def test_the_reference_converts_colours_as_opencv_does() -> None:
