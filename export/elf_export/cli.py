@@ -45,7 +45,9 @@ def _export(args: argparse.Namespace) -> None:
 
         result = export_network(
             args.net, args.layer, layers_of(args.desc), args.output, weights=args.weights,
-            opset=args.opset or DEFAULT_OPSET, force=args.force, offline=args.offline, log=print,
+            opset=args.opset or DEFAULT_OPSET,
+            force=args.force, offline=args.offline, desc_weights=args.desc_weights,
+            preprocessing=args.preprocess or "paper", log=print,
         )  # fmt: skip
     size = result.path.stat().st_size / 1e6
     print(f"wrote {result.path} ({size:.1f} MB): {result.contract.network} {result.contract.layer}, descriptors "
@@ -66,7 +68,7 @@ def _list(args: argparse.Namespace) -> None:
         for name in network_names():
             network = get_network(name)
             described = ",".join(network.default_descriptors) or "none"
-            print(f"{name:<12}{network.title}; default --layer {network.default_layer} --desc {described}")
+            print(f"{name:<20}{network.title}; default --layer {network.default_layer} --desc {described}")
 
 
 if __name__ == "__main__":

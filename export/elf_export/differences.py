@@ -153,7 +153,7 @@ def check(
     roundings: list[tuple[float, float]] = []
     for seed, size in enumerate(dict.fromkeys(sizes.near(*size) for size in arithmetic.sizes)):
         pixels = grainy(*size, preprocessing.channels, seed)[None]
-        x = preprocess(pixels, preprocessing, image.layout).astype(np.float32).astype(np.float64)
+        x = preprocess(pixels, preprocessing, layout=image.layout).astype(np.float32).astype(np.float64)
         g, g_exact = differentiate(x), exactly(x)
         if not g.any():
             raise VerificationError(f"{layer!r} has no gradient on a natural image: it is zero everywhere")

@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import shlex
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Literal
 
 from elf_runtime import DetectionParams, InputSpec, ModelContract, WeightsSpec
 
 from . import verify
+from .describe import attach, by_network, label
+from .errors import ExportError
 from .forward import DEFAULT_OPSET, NETWORK_INPUT, torch_to_onnx
-from .graph import Graph
 from .networks import get_network
 from .output import ExportResult, check_opset, check_output, cost_of, descriptor_specs, versions, write
+from .preprocessing import Preprocessing
 from .receptive_field import receptive_fields
 from .saliency import build_saliency
-from .weights.load import load_weights
+from .weights.load import Weights, load_weights
+
+if TYPE_CHECKING:
+    import torch
+
+SIZES = (32, 48, 64, 96, 128, 160)
 
 
 def export_network(
@@ -29,6 +38,8 @@ def export_network(
     force: bool = False,
     offline: bool = False,
     detection: DetectionParams | None = None,
+    preprocessing: Preprocessing | Literal["paper", "own"] = "paper",
+    desc_weights: str | os.PathLike[str] | None = None,
     log: Callable[[str], None] = lambda _: None,
 ) -> ExportResult:
     """Export a named network as an ELF model.
@@ -38,7 +49,8 @@ def export_network(
     name : str
         As in ``elf_export.networks.network_names()``.
     layer, descriptors : optional
-        The paper's by default; an empty sequence makes a detector without descriptors.
+        The paper's by default; an empty sequence makes a detector without descriptors.  ``vgg:pool3`` describes
+        by a layer of another network, which comes into the same file.
     output : path, optional
         ``elf-NAME-LAYER.onnx`` by default.
     weights : path, optional
@@ -47,6 +59,10 @@ def export_network(
         Overwrite an existing file.
     detection : DetectionParams, optional
         The settings that the runtime uses where the caller gives none; the network's by default.
+    preprocessing : "paper", "own" or Preprocessing
+        For the detector: the paper's standardisation, what the network was trained with, or any other.
+    desc_weights : path, optional
+        Weights of the other network that describes, as `weights`.
 
     Returns
     -------
@@ -60,40 +76,95 @@ def export_network(
     """
     network = get_network(name)
     layer = layer or network.default_layer
-    descriptors = list(dict.fromkeys(network.default_descriptors if descriptors is None else descriptors))
-    network.check_layers([layer, *descriptors])
+    wanted = list(dict.fromkeys(network.default_descriptors if descriptors is None else descriptors))
+    described = by_network(name, wanted)
+    own, others = described.pop(name), {other: get_network(other) for other in described}
+    network.check_layers([layer, *own])
+    for other, its_layers in described.items():
+        others[other].check_layers(its_layers)
     path = check_output(output or f"elf-{name}-{layer}.onnx", force)
     check_opset(opset)
-    layers = list(dict.fromkeys([layer, *descriptors]))
 
+    settings = network.preprocessing
+    if preprocessing == "own" and network.trained_with is None:
+        raise ExportError(f"what {name} was trained with is not known; --preprocess paper standardises")
+    if preprocessing == "own" and network.trained_with is not None:
+        settings = network.trained_with
+    elif isinstance(preprocessing, Preprocessing):
+        settings = preprocessing
+    colors = {settings.color, *(other.preprocessing.color for other in others.values())}
+    color = settings.color if len(colors) == 1 else "bgr"
+    layers = list(dict.fromkeys([layer, *own]))
     loaded = load_weights(network, layers, weights, offline, log)
     module = network.build(loaded.tensors, layers)
-    forward = torch_to_onnx(module, layers, network.preprocessing.channels, opset)
-    model = build_saliency(forward, layer, descriptors, NETWORK_INPUT, network.preprocessing)
+    forward = torch_to_onnx(module, layers, settings.channels, opset)
+    model = build_saliency(forward, layer, own, NETWORK_INPUT, settings, network.gradient, color)
+    fields = receptive_fields(forward, NETWORK_INPUT)
+    smallest, provenance = least_size(module, settings.channels), [loaded]
+    for other, its_layers in described.items():
+        other_network = others[other]
+        its_weights = load_weights(other_network, its_layers, desc_weights, offline, log)
+        its_module = other_network.build(its_weights.tensors, its_layers)
+        its_forward = torch_to_onnx(its_module, its_layers, other_network.preprocessing.channels, opset)
+        model = attach(model, its_forward, other, its_layers, other_network.preprocessing, color)
+        its_fields = receptive_fields(its_forward, NETWORK_INPUT)
+        fields |= {label(other, its_layer, name): its_fields[its_layer] for its_layer in its_layers}
+        smallest = max(smallest, least_size(its_module, other_network.preprocessing.channels))
+        provenance.append(its_weights)
 
     from .reference import torch_saliency
 
-    reference = torch_saliency(module, network.preprocessing)
-    detection = detection or network.detection
-    checks = verify.verify(model, reference, network.preprocessing.channels, detection)
+    def reference(dtype: str) -> verify.Reference:
+        return torch_saliency(copy.deepcopy(module), settings, dtype, network.gradient, color)
+
+    detection, channels = detection or network.detection, 1 if color == "gray" else 3
+    checks = verify.verify(model, reference("float64"), channels, detection, reference("float32"))
     verify.require(checks)
     log(verify.table(checks))
 
-    fields = receptive_fields(Graph(forward), NETWORK_INPUT)
-    arguments = ["elf-export", "--net", name, "--layer", layer, "--desc", ",".join(descriptors) or "none"]
+    labels = [f"{other}:{its}" for other in described for its in described[other]]
+    # In the order that was asked for: the first describes by default.
+    labels = sorted([*own, *labels], key=[w.removeprefix(f"{name}:") for w in wanted].index)
+    arguments = ["elf-export", "--net", name, "--layer", layer, "--desc", ",".join(labels) or "none"]
+    if preprocessing == "own":
+        arguments += ["--preprocess", "own"]
     contract = ModelContract(
         network=name,
         layer=layer,
         stride=fields[layer].stride,
-        input=InputSpec(color=network.preprocessing.color, channels=network.preprocessing.channels),
-        descriptors=descriptor_specs(model, descriptors, fields),
+        input=InputSpec(color=color, channels=channels, min_size=smallest),
+        descriptors=descriptor_specs(model, labels, fields),
         detection=detection,
-        preprocessing=network.preprocessing.describe(),
-        weights=WeightsSpec(loaded.source, loaded.sha256, loaded.licence),
+        preprocessing=settings.describe(),
+        weights=joined(provenance),
         parity=verify.parity(checks),
-        cost=cost_of(model, descriptors),
+        cost=cost_of(model, labels),
         versions=versions(opset),
         command=shlex.join(arguments),
     )
     write(model, contract, path)
     return ExportResult(path, contract, checks)
+
+
+def joined(parts: Sequence[Weights]) -> WeightsSpec:
+    """Where the weights of all networks in a file come from; those that need none are left out."""
+    trained = [part for part in parts if part.tensors] or list(parts[:1])
+    return WeightsSpec(
+        "; ".join(part.source for part in trained),
+        "; ".join(part.sha256 for part in trained),
+        "; ".join(part.licence for part in trained),
+    )
+
+
+def least_size(module: torch.nn.Module, channels: int) -> int:
+    """The smallest square image, of SIZES, on which none of the module's maps is empty."""
+    import torch
+
+    for pixels in SIZES[:-1]:
+        try:
+            maps = module(torch.zeros(1, channels, pixels, pixels))
+        except RuntimeError:  # a window that is larger than its map
+            continue
+        if all(min(value.shape) > 0 for value in maps):
+            return pixels
+    return SIZES[-1]

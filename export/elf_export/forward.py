@@ -32,7 +32,7 @@ def torch_to_onnx(
     """
     import torch
 
-    example = torch.zeros(2, channels, 64, 96)
+    example = torch.zeros(2, channels, 160, 192)
     buffer: Any = io.BytesIO()  # torch's annotation knows of paths only
     axes = {NETWORK_INPUT: {0: "N", 2: "H", 3: "W"}}
     for layer in layers:

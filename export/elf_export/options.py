@@ -15,13 +15,15 @@ examples:
   elf-export --net vgg --layer pool2                     the paper's detector, described by pool4
   elf-export --net vgg --layer pool1 --desc pool3        a cheaper one
   elf-export --net vgg --layer pool2 --desc none         saliency and keypoints only
+  elf-export --net superpoint --desc vgg:pool3 --weights superpoint_v1.pth
+                                                         SuperPoint detects, VGG describes
   elf-export --net vgg --list                            the layers to choose from
   elf-export --onnx model.onnx --list                    the layers of anyone's model
   elf-export --onnx model.onnx --layer relu2 --desc relu4
                                                          an ELF model from it; needs no PyTorch
 """
 
-ONLY_WITH_NET = ("weights", "offline")
+ONLY_WITH_NET = ("weights", "desc_weights", "preprocess", "offline")
 ONLY_WITH_ONNX = ("input", "color", "mean", "std", "scale", "standardize")
 
 
@@ -39,7 +41,8 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument(
         "--desc", metavar="LAYER[,LAYER...]|none",
-        help="layers that describe the keypoints, the first being the default (--net: the paper's)",
+        help="layers that describe the keypoints, the first being the default; with --net, NET:LAYER takes another "
+        "network's (--net: the paper's)",
     )  # fmt: skip
     p.add_argument("--output", "-o", metavar="FILE", help="default: elf-NET-LAYER.onnx")
     p.add_argument("--opset", type=int, metavar="N", help="ONNX opset of the file, 11 to 20 (default: 17; with "
@@ -53,6 +56,14 @@ def parser() -> argparse.ArgumentParser:
         "--weights", metavar="FILE",
         help="trained weights: .pth, .h5, .keras, .safetensors, .npz or .onnx (default: the published ones, from "
         "the cache, the bundled model, the publisher or a package index)",
+    )  # fmt: skip
+    net.add_argument(
+        "--desc-weights", metavar="FILE", help="weights of the other network of --desc NET:LAYER"
+    )
+    net.add_argument(
+        "--preprocess", choices=("paper", "own"),
+        help="what the detector is fed: each image standardised (the paper's, the default), or what it was "
+        "trained with",
     )  # fmt: skip
     net.add_argument("--offline", action="store_true", help="never use the network; so does ELF_OFFLINE=1")
 
@@ -106,7 +117,7 @@ def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
         for name in names:
             if given(name) and getattr(args, needed) is None:
                 why = f", which brings its own with --{other}" if getattr(args, other) is not None else ""
-                fail(f"--{name} goes with --{needed} only{why}")
+                fail(f"--{name.replace('_', '-')} goes with --{needed} only{why}")
     for name in ("mean", "std", "scale"):
         if args.standardize and given(name):
             fail(f"--standardize and --{name} exclude each other")

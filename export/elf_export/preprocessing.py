@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 import onnx
 from onnx import TensorProto, helper
 
@@ -54,8 +55,25 @@ class Preprocessing:
         return ["--color", self.color, "--scale", repr(self.scale), *numbers]
 
 
+def conversion(source: str, target: str) -> npt.NDArray[np.float64]:
+    """(channels of source, channels of target): what takes the pixels of one colour order to another.
+
+    Grey is ITU-R BT.601's, as OpenCV has it: 0.299 R + 0.587 G + 0.114 B.
+    """
+    if source == "gray":
+        return np.ones((1, 1 if target == "gray" else 3))
+    if target == "gray":
+        return np.array([[{"b": 0.114, "g": 0.587, "r": 0.299}[channel]] for channel in source])
+    return np.array([[float(a == b) for b in target] for a in source])
+
+
 def prepend(
-    graph: Graph, target: str, settings: Preprocessing, name: str = "image", layout: str = "NCHW"
+    graph: Graph,
+    target: str,
+    settings: Preprocessing,
+    name: str = "image",
+    color: str | None = None,
+    layout: str = "NCHW",
 ) -> None:
     """Make the value `target`, the network's input in `layout`, from a new graph input of raw pixels.
 
@@ -63,7 +81,10 @@ def prepend(
     ----------
     graph : Graph
         Changed in place: `target` is no input any more, `name` (N, H, W, C) is.
+    color : "bgr", "rgb" or "gray", optional
+        Colour order of the new input, where another network shares it; `settings.color` by default.
     """
+    color = color or settings.color
     proto = graph.model.graph
     forward = list(proto.node)
     copies = [onnx.NodeProto() for _ in forward]
@@ -85,8 +106,12 @@ def prepend(
         mean = graph.op("Add", rough, correction, name=f"pre/{role}_mean")
         return graph.op("Sub", rest, correction, name=f"pre/{role}_centred"), mean
 
+    pixels = name
+    if color != settings.color:
+        matrix = graph.const(conversion(color, settings.color), "pre/colors", np.float32)
+        pixels = graph.op("MatMul", name, matrix, name="pre/recolored")
     if settings.standardize:
-        zero_mean, _ = centred(name, "pixels")
+        zero_mean, _ = centred(pixels, "pixels")
         _, variance = centred(graph.op("Mul", zero_mean, zero_mean, name="pre/squared"), "squares")
         std = graph.op("Sqrt", variance, name="pre/std")
         safe = graph.op("Max", std, graph.const(LEAST_STD, "pre/least_std", np.float32), name="pre/safe_std")
@@ -96,7 +121,7 @@ def prepend(
         std64 = np.broadcast_to(np.asarray(settings.std, np.float64), settings.channels)
         gain = graph.const(settings.scale / std64, "pre/gain", np.float32)
         shift = graph.const(-np.asarray(settings.mean, np.float64) / std64, "pre/shift", np.float32)
-        x = graph.op("Add", graph.op("Mul", name, gain, name="pre/scaled"), shift, name="pre/normalized")
+        x = graph.op("Add", graph.op("Mul", pixels, gain, name="pre/scaled"), shift, name="pre/normalized")
     if layout == "NCHW":
         graph.op("Transpose", x, name="pre/nchw", outputs=[target], perm=[0, 3, 1, 2])
     else:
@@ -106,6 +131,6 @@ def prepend(
     kept = [value for value in proto.input if value.name != target]
     sizes = dict(zip(layout, graph.shape(target) or [None] * 4, strict=True))
     fixed = [size if isinstance(size := sizes[axis], int) else axis for axis in "NHW"]
-    infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, [*fixed, settings.channels]), *kept]
+    infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, [*fixed, 1 if color == "gray" else 3]), *kept]
     del proto.input[:]
     proto.input.extend(infos)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import onnx
+from onnx import helper
 
 from .adjoint.geometry import window_of
 from .adjoint.registry import Context
 from .graph import Graph
+from .layout import image_layout
 
 GLOBAL = frozenset(
     {"GlobalAveragePool", "GlobalMaxPool", "GlobalLpPool", "MatMul", "Gemm", "Softmax", "LSTM", "GRU"}
@@ -28,7 +31,12 @@ class Field:
     size: float = 1.0
 
 
-def receptive_fields(graph: Graph, image: str) -> dict[str, Field]:
+WORKING_SIZE = (480, 640)  # the paper's, height and width
+
+
+def receptive_fields(
+    model: onnx.ModelProto, image: str, size: Sequence[int] = WORKING_SIZE
+) -> dict[str, Field]:
     """The field of every value that depends on `image`, along the last spatial axis.
 
     A window of extent e, stride s and padding p in front, over cells at stride j and offset o, gives
@@ -36,9 +44,11 @@ def receptive_fields(graph: Graph, image: str) -> dict[str, Field]:
         stride j s,   offset o + ((e - 1) / 2 - p) j,   size r + (e - 1) j
 
     Other ops are taken as pointwise; where several inputs meet, the largest field decides, and one that sees
-    the whole image (the gate of a squeeze-and-excitation) decides the size alone.  Under a run-time SAME
-    padding the offset is that of an input whose size the stride divides.
+    the whole image (the gate of a squeeze-and-excitation) decides the size alone.  Under SAME padding with a
+    stride the offset depends on the image's size: it is stated for `size` (height, width), and at another one
+    cells may lie up to half a stride of each such layer elsewhere.
     """
+    graph = Graph(_of_size(model, image, size, image_layout(Graph(model), image)))
     fields = {image: Field()}
     for node in graph.nodes:
         inputs = [fields[name] for name in node.input if name in fields]
@@ -60,6 +70,24 @@ def receptive_fields(graph: Graph, image: str) -> dict[str, Field]:
         for name in node.output:
             fields[name] = found
     return fields
+
+
+def _of_size(model: onnx.ModelProto, image: str, size: Sequence[int], layout: str) -> onnx.ModelProto:
+    """A copy for images of `size`, where the sizes are free, so that inference knows every map's."""
+    fixed = onnx.ModelProto()
+    fixed.CopyFrom(model)
+    del fixed.graph.value_info[:]
+    for value in fixed.graph.input:
+        dims = value.type.tensor_type.shape.dim
+        if value.name == image and len(dims) == 4:
+            for axis, pixels in zip("HW", size, strict=True):
+                dim = dims[layout.index(axis)]
+                if not dim.HasField("dim_value"):
+                    dim.dim_value = pixels
+    for value in fixed.graph.output:
+        # Their symbolic sizes would contradict what inference finds.
+        value.CopyFrom(helper.make_tensor_value_info(value.name, value.type.tensor_type.elem_type, None))
+    return fixed
 
 
 def _windowed(graph: Graph, node: onnx.NodeProto, before: Field) -> Field:

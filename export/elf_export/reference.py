@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from .preprocessing import LEAST_STD, Preprocessing
+from .preprocessing import LEAST_STD, Preprocessing, conversion
 
 if TYPE_CHECKING:
     import torch
@@ -16,10 +16,12 @@ if TYPE_CHECKING:
 
 
 def preprocess(
-    pixels: npt.NDArray[np.floating], settings: Preprocessing, layout: str = "NCHW"
+    pixels: npt.NDArray[np.floating], settings: Preprocessing, color: str | None = None, layout: str = "NCHW"
 ) -> npt.NDArray[np.float64]:
-    """What the graph does to raw pixels, in float64 numpy: (N, H, W, C) -> `layout`."""
+    """What the graph does to raw pixels of colour order `color`, in float64 numpy: (N, H, W, C) -> `layout`."""
     x = np.asarray(pixels, np.float64)
+    if color not in (None, settings.color):
+        x = x @ conversion(color, settings.color)
     if settings.standardize:
         x = x - x.mean(axis=(1, 2, 3), keepdims=True)
         x = x / np.maximum(np.sqrt((x * x).mean(axis=(1, 2, 3), keepdims=True)), LEAST_STD)
@@ -28,13 +30,23 @@ def preprocess(
     return np.ascontiguousarray(x.transpose(["NHWC".index(axis) for axis in layout]))
 
 
-def torch_saliency(module: torch.nn.Module, settings: Preprocessing, dtype: str = "float64") -> Reference:
+def torch_saliency(
+    module: torch.nn.Module,
+    settings: Preprocessing,
+    dtype: str = "float64",
+    differentiate: bool = True,
+    color: str | None = None,
+) -> Reference:
     """``f(pixels)``: |gradient of 1/2 ||F||^2 w.r.t. the preprocessed image|, averaged over its channels.
 
     Parameters
     ----------
     module : torch.nn.Module
         Its forward returns the maps of the wanted layers, F first.  It is converted to `dtype` in place.
+    differentiate : bool
+        False: F itself in the gradient's place.
+    color : str, optional
+        Colour order of the pixels, if it is not that of `settings`.
     """
     import torch
 
@@ -42,9 +54,9 @@ def torch_saliency(module: torch.nn.Module, settings: Preprocessing, dtype: str 
     module = module.to(kind)
 
     def saliency(pixels: Array) -> npt.NDArray[np.float64]:
-        x = torch.from_numpy(preprocess(pixels, settings)).to(kind).requires_grad_(True)
+        x = torch.from_numpy(preprocess(pixels, settings, color)).to(kind).requires_grad_(True)
         f = module(x)[0]
-        (gradient,) = torch.autograd.grad(f, x, f.detach())
+        (gradient,) = torch.autograd.grad(f, x, f.detach()) if differentiate else (f.detach(),)
         return np.asarray(gradient.abs().mean(1).double().numpy())
 
     return saliency

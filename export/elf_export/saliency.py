@@ -13,7 +13,7 @@ from .adjoint import build_adjoint
 from .errors import LayerError
 from .graph import Graph, reduce_mean
 from .layout import axes_of, image_layout
-from .passes import cut, fold_batchnorm, fold_constants
+from .passes import compose_convs, cut, fold_batchnorm, fold_constants
 from .preprocessing import Preprocessing, prepend
 
 IMAGE, SALIENCY, GRADIENT = "image", "saliency", "gradient"
@@ -28,6 +28,8 @@ def build_saliency(
     descriptors: Sequence[str] = (),
     image_input: str | None = None,
     preprocessing: Preprocessing | None = None,
+    differentiate: bool = True,
+    color: str | None = None,
     seed: Seed = None,
 ) -> onnx.ModelProto:
     """A model whose outputs are S(I) = |seed^T dF/dI|, averaged over I's channels, and descriptor maps.
@@ -47,6 +49,10 @@ def build_saliency(
         Name of the image input; the only input of rank 4 by default.
     preprocessing : Preprocessing, optional
         Put in front, the input then being ``image``, raw pixels (N, H, W, C); None leaves the model's own input.
+    differentiate : bool
+        False takes F itself for the gradient: a saliency map that the model computes already.
+    color : "bgr", "rgb" or "gray", optional
+        Colour order of the raw pixels, if it is not that of `preprocessing`.
     seed : array or str, optional
         F by default, which gives ELF's |F^T dF/dI|.  An array is a constant that is broadcast to F: a one-hot
         row gives the saliency of a class.  A name adds a graph input of that name, fed at run time.
@@ -63,15 +69,18 @@ def build_saliency(
     UnsupportedGraphError
         If a node on the way has no adjoint; all of them are listed.
     """
-    graph, image, gradient = _differentiated(model, layer, descriptors, image_input, seed)
+    graph, image = _trunk(model, [layer, *descriptors], image_input)
+    gradient = build_adjoint(graph, layer, image, _seed_value(graph, layer, seed)) if differentiate else layer
     layout = image_layout(graph, image)
     magnitude = graph.op("Abs", gradient, name="saliency/abs")
     reduce_mean(graph, magnitude, layout.index("C"), "saliency/mean", keepdims=0, output=SALIENCY)
     outputs = [helper.make_tensor_value_info(SALIENCY, graph.elem_type(image), ["N", "H", "W"])]
     outputs += _descriptor_outputs(graph, descriptors, axes_of(graph, image, layout))
+    _state(graph, outputs)
+    graph = Graph(compose_convs(graph.model, keep=[value.name for value in outputs]))
     if preprocessing is not None:
-        prepend(graph, image, preprocessing, IMAGE, layout)
-    return _finished(graph, outputs)
+        prepend(graph, image, preprocessing, IMAGE, color, layout)
+    return _finished(graph)
 
 
 def build_gradient(
@@ -81,28 +90,26 @@ def build_gradient(
 
     The gradient has the image's shape and layout.  Parameters and errors are those of `build_saliency`.
     """
-    graph, image, gradient = _differentiated(model, layer, (), image_input, seed)
+    graph, image = _trunk(model, [layer], image_input)
+    gradient = build_adjoint(graph, layer, image, _seed_value(graph, layer, seed))
     graph.op("Identity", gradient, name="gradient/output", outputs=[GRADIENT])
     outputs = [
         helper.make_tensor_value_info(layer, graph.elem_type(layer), graph.shape(layer)),
         helper.make_tensor_value_info(GRADIENT, graph.elem_type(image), graph.shape(image)),
     ]
-    return _finished(graph, outputs)
+    _state(graph, outputs)
+    return _finished(graph)
 
 
-def _differentiated(
-    model: onnx.ModelProto, layer: str, descriptors: Sequence[str], image_input: str | None, seed: Seed
-) -> tuple[Graph, str, str]:
-    """The trunk of `model` with the adjoint appended, the image's name and the gradient's."""
-    wanted = list(dict.fromkeys([layer, *descriptors]))
+def _trunk(model: onnx.ModelProto, layers: Sequence[str], image_input: str | None) -> tuple[Graph, str]:
+    """`model` cut at the layers and folded, and the image's name."""
+    wanted = list(dict.fromkeys(layers))
     try:
         trunk = cut(model, wanted)
     except KeyError as error:
         raise LayerError(f"the model has no value {error.args[0]!r}") from None
-    trunk = fold_batchnorm(fold_constants(trunk), keep=wanted)
-    graph = Graph(trunk)
-    image = image_input or only_image_input(graph)
-    return graph, image, build_adjoint(graph, layer, image, _seed_value(graph, layer, seed))
+    graph = Graph(fold_batchnorm(fold_constants(trunk), keep=wanted))
+    return graph, image_input or only_image_input(graph)
 
 
 def _seed_value(graph: Graph, layer: str, seed: Seed) -> str | None:
@@ -143,11 +150,14 @@ def _descriptor_outputs(
     return outputs
 
 
-def _finished(graph: Graph, outputs: Sequence[onnx.ValueInfoProto]) -> onnx.ModelProto:
-    proto = graph.model.graph
-    del proto.output[:]
-    proto.output.extend(outputs)
-    del proto.value_info[:]
+def _state(graph: Graph, outputs: Sequence[onnx.ValueInfoProto]) -> None:
+    """Make `outputs` the graph's."""
+    del graph.model.graph.output[:]
+    graph.model.graph.output.extend(outputs)
+
+
+def _finished(graph: Graph) -> onnx.ModelProto:
+    del graph.model.graph.value_info[:]
     onnx.checker.check_model(graph.model, full_check=True)
     return graph.model
 

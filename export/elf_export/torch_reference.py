@@ -17,7 +17,7 @@ from onnx import numpy_helper
 
 from elf_runtime import ModelContract
 
-from .errors import WeightsError
+from .errors import ExportError, WeightsError
 from .networks import get_network
 from .preprocessing import LEAST_STD, Preprocessing
 
@@ -58,11 +58,15 @@ def load(model: str | os.PathLike[str]) -> Saliency:
         if values is None or values.dtype.kind != "f" or values.shape != shape:
             raise WeightsError(f"{file}: holds no float tensor {name!r} of shape {shape}, which torch needs")
         tensors[name] = values.astype(np.float32)
+    choices = (network.preprocessing, network.trained_with)
+    settings = next((s for s in choices if s is not None and s.describe() == contract.preprocessing), None)
+    if settings is None or settings.color != contract.input.color or not network.gradient:
+        raise ExportError(f"{file}: only a network in its own colours, preprocessed as named here, can be rebuilt")
     module = network.build(tensors, [contract.layer]).requires_grad_(False)
 
     def saliency(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
         pixels = torch.from_numpy(np.ascontiguousarray(image)).float().permute(2, 0, 1)[None]
-        x = _preprocessed(pixels, network.preprocessing).contiguous().requires_grad_(True)
+        x = _preprocessed(pixels, settings).contiguous().requires_grad_(True)
         feature = module(x)[0]
         # d(1/2 |F|^2) / dI = F^T dF/dI
         (gradient,) = torch.autograd.grad(feature, x, grad_outputs=feature.detach())

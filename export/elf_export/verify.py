@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -49,21 +49,40 @@ class Error:
 
 @dataclass(frozen=True)
 class Check:
-    """Agreement on one image."""
+    """Agreement on one image.
+
+    Attributes
+    ----------
+    agreeing : share of the reference's keypoints that the graph finds at the same pixel
+    attainable : the share that the reference itself finds when it computes in float32, 1 where not asked
+    """
 
     image: str
     size: str
     error: Error
     keypoints: int
     agreeing: float
+    attainable: float = 1.0
 
     @property
     def close(self) -> bool:
         return self.error.median <= MEDIAN and self.error.most <= MOST
 
 
-def verify(model: onnx.ModelProto, reference: Reference, channels: int, params: DetectionParams) -> list[Check]:
+def verify(
+    model: onnx.ModelProto,
+    reference: Reference,
+    channels: int,
+    params: DetectionParams,
+    single: Reference | None = None,
+) -> list[Check]:
     """Compare the model in ONNX Runtime with `reference`: two images, two sizes (one odd), as a batch of two.
+
+    Parameters
+    ----------
+    single : function, optional
+        `reference` in float32.  It is asked where too few keypoints agree: large flat areas under a wide first
+        convolution and a max-pool (AlexNet's) tie exactly, and then rounding picks keypoints, torch's too.
 
     Returns
     -------
@@ -80,13 +99,20 @@ def verify(model: onnx.ModelProto, reference: Reference, channels: int, params: 
         wanted = reference(batch)
         for (label, _), one, other in zip(images, found, wanted, strict=True):
             checks.append(_compare(label, one, other, params))
+        if single is not None and not passed(checks):
+            news = zip(checks[-len(images) :], single(batch), wanted, strict=True)
+            checks[-len(images) :] = [
+                replace(c, attainable=keypoint_agreement(one.astype(np.float32), other, params)[1])
+                for c, one, other in news
+            ]
     return checks
 
 
 def passed(checks: Sequence[Check]) -> bool:
-    """Every map is close, and nearly all keypoints of all images together are the same."""
-    count = sum(c.keypoints for c in checks)
-    return all(c.close for c in checks) and _same(checks) >= min(KEYPOINTS * count, count - 1)
+    """Every map is close, and nearly all keypoints of all images together, of those attainable, are the same."""
+    count = sum(c.keypoints * c.attainable for c in checks)
+    same = sum(c.keypoints * min(c.agreeing, c.attainable) for c in checks)
+    return all(c.close for c in checks) and same >= min(KEYPOINTS * count, count - 1)
 
 
 def _same(checks: Sequence[Check]) -> float:

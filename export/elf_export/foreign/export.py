@@ -15,7 +15,6 @@ import onnx
 
 from elf_export import differences
 from elf_export.errors import ExportError, LayerError
-from elf_export.graph import Graph
 from elf_export.output import (
     ExportResult,
     check_opset,
@@ -192,7 +191,7 @@ def measured_fields(
     LayerError
         If the cells of a descriptor's map are not square.
     """
-    fields = receptive_fields(Graph(source.model), source.image.name)
+    fields = receptive_fields(source.model, source.image.name)
     height, width = source.sizes.near(224, 256)
     session, _ = open_session(saliency.SerializeToString())
     pixels = np.zeros((1, height, width, settings.channels), np.float32)

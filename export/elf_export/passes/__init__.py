@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from .compose_convs import compose_convs
 from .convert_opset import OPSETS, convert_opset, opset_of
 from .cut import cut
 from .fold_batchnorm import fold_batchnorm
 from .fold_constants import fold_constants
+from .share import share
 from .single_precision import single_precision
 
 __all__ = [
     "OPSETS",
+    "compose_convs",
     "convert_opset",
     "cut",
     "fold_batchnorm",
     "fold_constants",
     "opset_of",
+    "share",
     "single_precision",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,27 @@ def fit_chain(tensors: Mapping[str, Array], shapes: Shapes) -> dict[str, npt.NDA
     """
     if not all(name in tensors for name in shapes):
         tensors = _renamed(tensors, [name for name in shapes if name.endswith(".weight")])
-    return {name: _shaped(name, tensors.get(name), shape) for name, shape in shapes.items()}
+    return {name: shaped(name, tensors.get(name), shape) for name, shape in shapes.items()}
+
+
+def fit_named(
+    tensors: Mapping[str, Array], shapes: Shapes, aliases: Callable[[str], Sequence[str]] = lambda _: ()
+) -> dict[str, npt.NDArray[np.float32]]:
+    """Tensors by name: the names of `shapes` or their `aliases`, all of them behind one common prefix at most.
+
+    Raises
+    ------
+    WeightsError
+        Naming the first tensor that is missing or of another shape.
+    """
+    first = next(iter(shapes), "")
+    prefixes = ["", *(n.removesuffix(k) for k in [first, *aliases(first)] for n in tensors if n.endswith(k))]
+
+    def found(prefix: str, name: str) -> Array | None:
+        return next((tensors[prefix + k] for k in [name, *aliases(name)] if prefix + k in tensors), None)
+
+    best = max(prefixes, key=lambda prefix: sum(found(prefix, name) is not None for name in shapes))
+    return {name: shaped(name, found(best, name), shape) for name, shape in shapes.items()}
 
 
 def _renamed(tensors: Mapping[str, Array], wanted: list[str]) -> dict[str, Array]:
@@ -53,7 +73,8 @@ def _renamed(tensors: Mapping[str, Array], wanted: list[str]) -> dict[str, Array
     return found
 
 
-def _shaped(name: str, value: Array | None, shape: tuple[int, ...]) -> npt.NDArray[np.float32]:
+def shaped(name: str, value: Array | None, shape: tuple[int, ...]) -> npt.NDArray[np.float32]:
+    """`value` as contiguous finite float32 of `shape`; a kernel may also lie as (kh, kw, I, O)."""
     if value is None:
         raise WeightsError(f"the weights lack {name} {shape}")
     if value.shape != shape and value.ndim == 4:
