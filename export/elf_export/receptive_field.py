@@ -14,7 +14,6 @@ from .adjoint.registry import Context
 from .graph import Graph
 from .layout import image_layout
 
-WORKING_SIZE = (480, 640)  # the paper's, height and width
 GLOBAL = frozenset(
     {"GlobalAveragePool", "GlobalMaxPool", "GlobalLpPool", "MatMul", "Gemm", "Softmax", "LSTM", "GRU"}
 )
@@ -32,6 +31,9 @@ class Field:
     size: float = 1.0
 
 
+WORKING_SIZE = (480, 640)  # the paper's, height and width
+
+
 def receptive_fields(
     model: onnx.ModelProto, image: str, size: Sequence[int] = WORKING_SIZE
 ) -> dict[str, Field]:
@@ -46,7 +48,7 @@ def receptive_fields(
     stride the offset depends on the image's size: it is stated for `size` (height, width), and at another one
     cells may lie up to half a stride of each such layer elsewhere.
     """
-    graph = Graph(_at_size(model, image, size))
+    graph = Graph(_of_size(model, image, size, image_layout(Graph(model), image)))
     fields = {image: Field()}
     for node in graph.nodes:
         inputs = [fields[name] for name in node.input if name in fields]
@@ -70,7 +72,7 @@ def receptive_fields(
     return fields
 
 
-def _at_size(model: onnx.ModelProto, image: str, size: Sequence[int]) -> onnx.ModelProto:
+def _of_size(model: onnx.ModelProto, image: str, size: Sequence[int], layout: str) -> onnx.ModelProto:
     """A copy for images of `size`, where the sizes are free, so that inference knows every map's."""
     fixed = onnx.ModelProto()
     fixed.CopyFrom(model)
@@ -78,8 +80,8 @@ def _at_size(model: onnx.ModelProto, image: str, size: Sequence[int]) -> onnx.Mo
     for value in fixed.graph.input:
         dims = value.type.tensor_type.shape.dim
         if value.name == image and len(dims) == 4:
-            layout = image_layout(Graph(model), image)
-            for dim, pixels in zip((dims[layout.index("H")], dims[layout.index("W")]), size, strict=True):
+            for axis, pixels in zip("HW", size, strict=True):
+                dim = dims[layout.index(axis)]
                 if not dim.HasField("dim_value"):
                     dim.dim_value = pixels
     for value in fixed.graph.output:
