@@ -49,7 +49,7 @@ def as_float64(model: onnx.ModelProto) -> onnx.ModelProto:
 
 
 class LRN(OpRun):
-    """The operator as its specification has it; onnx's own evaluator fills as many channels as images only."""
+    """The operator as specified; onnx's own evaluator fills only as many channels as there are images."""
 
     op_domain = ""
 

@@ -98,7 +98,9 @@ def export_network(
     loaded = load_weights(network, layers, weights, offline, log)
     module = network.build(loaded.tensors, layers)
     forward = torch_to_onnx(module, layers, settings.channels, opset)
-    model = build_saliency(forward, layer, own, NETWORK_INPUT, settings, network.gradient, color)
+    model = build_saliency(
+        forward, layer, own, NETWORK_INPUT, settings, differentiate=network.gradient, color=color
+    )
     fields = receptive_fields(forward, NETWORK_INPUT)
     smallest, provenance = least_size(module, settings.channels), [loaded]
     for other, its_layers in described.items():

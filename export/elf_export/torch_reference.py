@@ -59,7 +59,9 @@ def load(model: str | os.PathLike[str]) -> Saliency:
             raise WeightsError(f"{file}: holds no float tensor {name!r} of shape {shape}, which torch needs")
         tensors[name] = values.astype(np.float32)
     choices = (network.preprocessing, network.trained_with)
-    settings = next((s for s in choices if s is not None and s.describe() == contract.preprocessing), None)
+    # A contract that says nothing of it means the network's default.
+    stated = contract.preprocessing or network.preprocessing.describe()
+    settings = next((s for s in choices if s is not None and s.describe() == stated), None)
     if settings is None or settings.color != contract.input.color or not network.gradient:
         raise ExportError(f"{file}: only a network in its own colours, preprocessed as named here, can be rebuilt")
     module = network.build(tensors, [contract.layer]).requires_grad_(False)

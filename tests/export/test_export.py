@@ -46,7 +46,9 @@ def test_the_command_writes_one_verified_file(tmp_path: Path, capsys: pytest.Cap
     assert c.parity["keypoint_agreement"] >= 0.99
     assert c.weights.licence == "CC BY 4.0"
     # By hand, per pixel: conv1_1 64*27 + conv1_2 64*576 + (conv2_1 128*576 + conv2_2 128*1152) / 4, and back.
-    assert c.cost["saliency_macs_per_pixel"] == 2 * (64 * 27 + 64 * 576 + 128 * 576 / 4 + 128 * 1152 / 4)
+    by_hand = 2 * (64 * 27 + 64 * 576 + 128 * 576 / 4 + 128 * 1152 / 4)
+    # A little more for the pools' comparisons, and for one more row and column of their gradients' phases.
+    assert by_hand <= c.cost["saliency_macs_per_pixel"] < 1.03 * by_hand
     image = textured(96, 128)
     f = elf.detect(image, border=4)
     assert f.descriptors.shape == (len(f), 256)
@@ -123,12 +125,13 @@ def test_unknown_layer_is_a_layer_error() -> None:
 
 def test_a_graph_that_disagrees_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrong adjoint (the kernel not flipped) fails verification, exits non-zero, and leaves no file."""
-    import elf_export.adjoint.conv as conv
+    from elf_export.adjoint import conv, phases
 
     def unflipped(weight: np.ndarray, group: int) -> np.ndarray:
         return np.ascontiguousarray(weight.swapaxes(0, 1))
 
-    monkeypatch.setattr(conv, "flipped", unflipped)
+    for module in (conv, phases):
+        monkeypatch.setattr(module, "flipped", unflipped)
     with pytest.raises(VerificationError, match=r"(?s)disagrees with its reference.*No file was written"):
         export_network("vgg", "pool1", [], tmp_path / "a.onnx", offline=True)
     monkeypatch.chdir(tmp_path)

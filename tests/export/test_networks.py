@@ -146,7 +146,7 @@ def test_the_same_graph_in_float64_is_exact(name: str, layer: str) -> None:
     settings = network.preprocessing
     module = built(network, [layer])
     forward = torch_to_onnx(module, [layer], settings.channels)
-    model = build_saliency(forward, layer, [], NETWORK_INPUT, settings, network.gradient)
+    model = build_saliency(forward, layer, [], NETWORK_INPUT, settings, differentiate=network.gradient)
     evaluator = evaluator64(model)
     reference = torch_saliency(module, settings, differentiate=network.gradient)
     for height, width in ((49, 52), (50, 51)):
@@ -291,12 +291,13 @@ def test_real_weights_are_recognised_and_agree_with_autograd(tmp_path: Path, nam
         cv2.imread(str(ROOT / "demo" / "palace.jpg")), (320, 240), interpolation=cv2.INTER_AREA
     )
     elf = ElfRuntime(result.path)
-    assert len(elf.detect(image)) >= 5
+    assert len(elf.detect(image, threshold="none")) >= 50
 
 
 def test_the_reference_converts_colours_as_opencv_does() -> None:
     image = textured(20, 30).astype(np.float32)
-    grey = get_network("superpoint").preprocessing
+    grey = get_network("superpoint").trained_with
+    assert grey is not None
     wanted = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) / 255
     np.testing.assert_allclose(preprocess(image[None], grey, "bgr")[0, 0], wanted, atol=1e-6)
 
