@@ -45,9 +45,8 @@ def _export(args: argparse.Namespace) -> None:
 
         result = export_network(
             args.net, args.layer, layers_of(args.desc), args.output, weights=args.weights,
-            opset=args.opset or DEFAULT_OPSET,
-            force=args.force, offline=args.offline, desc_weights=args.desc_weights,
-            preprocessing=args.preprocess or "paper", log=print,
+            opset=args.opset or DEFAULT_OPSET, force=args.force, offline=args.offline,
+            preprocessing=args.preprocess or "paper", desc_weights=args.desc_weights, log=print,
         )  # fmt: skip
     size = result.path.stat().st_size / 1e6
     print(f"wrote {result.path} ({size:.1f} MB): {result.contract.network} {result.contract.layer}, descriptors "

@@ -45,7 +45,7 @@ def layer_table(model: onnx.ModelProto, image: str, layers: Sequence[str] | None
     layout = image_layout(Graph(fixed), image)
     height, width = fix_sizes(fixed, image, layout)
     graph = Graph(fixed)
-    fields = receptive_fields(fixed, image)
+    fields = receptive_fields(graph.model, image)
     axes = axes_of(graph, image, layout)
     blocked = _blocked(graph, image)
     shown = list(layers) if layers is not None else _candidates(graph, axes)

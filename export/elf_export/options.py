@@ -23,7 +23,7 @@ examples:
                                                          an ELF model from it; needs no PyTorch
 """
 
-ONLY_WITH_NET = ("weights", "desc_weights", "preprocess", "offline")
+ONLY_WITH_NET = ("weights", "offline", "preprocess", "desc_weights")
 ONLY_WITH_ONNX = ("input", "color", "mean", "std", "scale", "standardize")
 
 
@@ -57,13 +57,10 @@ def parser() -> argparse.ArgumentParser:
         help="trained weights: .pth, .h5, .keras, .safetensors, .npz or .onnx (default: the published ones, from "
         "the cache, the bundled model, the publisher or a package index)",
     )  # fmt: skip
-    net.add_argument(
-        "--desc-weights", metavar="FILE", help="weights of the other network of --desc NET:LAYER"
-    )
+    net.add_argument("--desc-weights", metavar="FILE", help="weights of the other network of --desc NET:LAYER")
     net.add_argument(
         "--preprocess", choices=("paper", "own"),
-        help="what the detector is fed: each image standardised (the paper's, the default), or what it was "
-        "trained with",
+        help="what the detector is fed: each image standardised (paper, the default), or what it was trained with",
     )  # fmt: skip
     net.add_argument("--offline", action="store_true", help="never use the network; so does ELF_OFFLINE=1")
 

@@ -131,6 +131,7 @@ def prepend(
     kept = [value for value in proto.input if value.name != target]
     sizes = dict(zip(layout, graph.shape(target) or [None] * 4, strict=True))
     fixed = [size if isinstance(size := sizes[axis], int) else axis for axis in "NHW"]
-    infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, [*fixed, 1 if color == "gray" else 3]), *kept]
+    channels = 1 if color == "gray" else 3
+    infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, [*fixed, channels]), *kept]
     del proto.input[:]
     proto.input.extend(infos)

@@ -14,6 +14,7 @@ from .adjoint.registry import Context
 from .graph import Graph
 from .layout import image_layout
 
+WORKING_SIZE = (480, 640)  # the paper's, height and width
 GLOBAL = frozenset(
     {"GlobalAveragePool", "GlobalMaxPool", "GlobalLpPool", "MatMul", "Gemm", "Softmax", "LSTM", "GRU"}
 )
@@ -31,9 +32,6 @@ class Field:
     size: float = 1.0
 
 
-WORKING_SIZE = (480, 640)  # the paper's, height and width
-
-
 def receptive_fields(
     model: onnx.ModelProto, image: str, size: Sequence[int] = WORKING_SIZE
 ) -> dict[str, Field]:
@@ -48,7 +46,7 @@ def receptive_fields(
     stride the offset depends on the image's size: it is stated for `size` (height, width), and at another one
     cells may lie up to half a stride of each such layer elsewhere.
     """
-    graph = Graph(_of_size(model, image, size, image_layout(Graph(model), image)))
+    graph = Graph(_at_size(model, image, size))
     fields = {image: Field()}
     for node in graph.nodes:
         inputs = [fields[name] for name in node.input if name in fields]
@@ -72,7 +70,7 @@ def receptive_fields(
     return fields
 
 
-def _of_size(model: onnx.ModelProto, image: str, size: Sequence[int], layout: str) -> onnx.ModelProto:
+def _at_size(model: onnx.ModelProto, image: str, size: Sequence[int]) -> onnx.ModelProto:
     """A copy for images of `size`, where the sizes are free, so that inference knows every map's."""
     fixed = onnx.ModelProto()
     fixed.CopyFrom(model)
@@ -80,8 +78,8 @@ def _of_size(model: onnx.ModelProto, image: str, size: Sequence[int], layout: st
     for value in fixed.graph.input:
         dims = value.type.tensor_type.shape.dim
         if value.name == image and len(dims) == 4:
-            for axis, pixels in zip("HW", size, strict=True):
-                dim = dims[layout.index(axis)]
+            layout = image_layout(Graph(model), image)
+            for dim, pixels in zip((dims[layout.index("H")], dims[layout.index("W")]), size, strict=True):
                 if not dim.HasField("dim_value"):
                     dim.dim_value = pixels
     for value in fixed.graph.output:

@@ -28,9 +28,9 @@ def build_saliency(
     descriptors: Sequence[str] = (),
     image_input: str | None = None,
     preprocessing: Preprocessing | None = None,
+    seed: Seed = None,
     differentiate: bool = True,
     color: str | None = None,
-    seed: Seed = None,
 ) -> onnx.ModelProto:
     """A model whose outputs are S(I) = |seed^T dF/dI|, averaged over I's channels, and descriptor maps.
 
@@ -49,13 +49,13 @@ def build_saliency(
         Name of the image input; the only input of rank 4 by default.
     preprocessing : Preprocessing, optional
         Put in front, the input then being ``image``, raw pixels (N, H, W, C); None leaves the model's own input.
+    seed : array or str, optional
+        F by default, which gives ELF's |F^T dF/dI|.  An array is a constant that is broadcast to F: a one-hot
+        row gives the saliency of a class.  A name adds a graph input of that name, fed at run time.
     differentiate : bool
         False takes F itself for the gradient: a saliency map that the model computes already.
     color : "bgr", "rgb" or "gray", optional
         Colour order of the raw pixels, if it is not that of `preprocessing`.
-    seed : array or str, optional
-        F by default, which gives ELF's |F^T dF/dI|.  An array is a constant that is broadcast to F: a one-hot
-        row gives the saliency of a class.  A name adds a graph input of that name, fed at run time.
 
     Returns
     -------
@@ -69,18 +69,16 @@ def build_saliency(
     UnsupportedGraphError
         If a node on the way has no adjoint; all of them are listed.
     """
-    graph, image = _trunk(model, [layer, *descriptors], image_input)
-    gradient = build_adjoint(graph, layer, image, _seed_value(graph, layer, seed)) if differentiate else layer
+    graph, image, gradient = _differentiated(model, layer, descriptors, image_input, seed, differentiate)
     layout = image_layout(graph, image)
     magnitude = graph.op("Abs", gradient, name="saliency/abs")
     reduce_mean(graph, magnitude, layout.index("C"), "saliency/mean", keepdims=0, output=SALIENCY)
     outputs = [helper.make_tensor_value_info(SALIENCY, graph.elem_type(image), ["N", "H", "W"])]
     outputs += _descriptor_outputs(graph, descriptors, axes_of(graph, image, layout))
-    _state(graph, outputs)
-    graph = Graph(compose_convs(graph.model, keep=[value.name for value in outputs]))
+    graph = Graph(compose_convs(_with_outputs(graph, outputs), keep=[value.name for value in outputs]))
     if preprocessing is not None:
         prepend(graph, image, preprocessing, IMAGE, color, layout)
-    return _finished(graph)
+    return _finished(graph, outputs)
 
 
 def build_gradient(
@@ -90,26 +88,35 @@ def build_gradient(
 
     The gradient has the image's shape and layout.  Parameters and errors are those of `build_saliency`.
     """
-    graph, image = _trunk(model, [layer], image_input)
-    gradient = build_adjoint(graph, layer, image, _seed_value(graph, layer, seed))
+    graph, image, gradient = _differentiated(model, layer, (), image_input, seed, True)
     graph.op("Identity", gradient, name="gradient/output", outputs=[GRADIENT])
     outputs = [
         helper.make_tensor_value_info(layer, graph.elem_type(layer), graph.shape(layer)),
         helper.make_tensor_value_info(GRADIENT, graph.elem_type(image), graph.shape(image)),
     ]
-    _state(graph, outputs)
-    return _finished(graph)
+    return _finished(graph, outputs)
 
 
-def _trunk(model: onnx.ModelProto, layers: Sequence[str], image_input: str | None) -> tuple[Graph, str]:
-    """`model` cut at the layers and folded, and the image's name."""
-    wanted = list(dict.fromkeys(layers))
+def _differentiated(
+    model: onnx.ModelProto,
+    layer: str,
+    descriptors: Sequence[str],
+    image_input: str | None,
+    seed: Seed,
+    differentiate: bool,
+) -> tuple[Graph, str, str]:
+    """The trunk of `model` with the adjoint appended, the image's name and the gradient's."""
+    wanted = list(dict.fromkeys([layer, *descriptors]))
     try:
         trunk = cut(model, wanted)
     except KeyError as error:
         raise LayerError(f"the model has no value {error.args[0]!r}") from None
-    graph = Graph(fold_batchnorm(fold_constants(trunk), keep=wanted))
-    return graph, image_input or only_image_input(graph)
+    trunk = fold_batchnorm(fold_constants(trunk), keep=wanted)
+    graph = Graph(trunk)
+    image = image_input or only_image_input(graph)
+    if not differentiate:
+        return graph, image, layer
+    return graph, image, build_adjoint(graph, layer, image, _seed_value(graph, layer, seed))
 
 
 def _seed_value(graph: Graph, layer: str, seed: Seed) -> str | None:
@@ -150,13 +157,14 @@ def _descriptor_outputs(
     return outputs
 
 
-def _state(graph: Graph, outputs: Sequence[onnx.ValueInfoProto]) -> None:
-    """Make `outputs` the graph's."""
+def _with_outputs(graph: Graph, outputs: Sequence[onnx.ValueInfoProto]) -> onnx.ModelProto:
     del graph.model.graph.output[:]
     graph.model.graph.output.extend(outputs)
+    return graph.model
 
 
-def _finished(graph: Graph) -> onnx.ModelProto:
+def _finished(graph: Graph, outputs: Sequence[onnx.ValueInfoProto]) -> onnx.ModelProto:
+    _with_outputs(graph, outputs)
     del graph.model.graph.value_info[:]
     onnx.checker.check_model(graph.model, full_check=True)
     return graph.model

@@ -272,6 +272,7 @@ def test_preprocessing_options_reach_the_graph_and_the_contract(tmp_path: Path) 
     contract = ElfRuntime(tmp_path / "elf.onnx").contract
     assert contract.preprocessing == "bgr, (I * 0.00392157 - [0.4, 0.5, 0.6]) / [0.2]"
     assert "--mean=0.4,0.5,0.6" in contract.command
+    assert "--opset 18" in contract.command
     assert contract.versions["opset"] == "18"
     gray = Preprocessing(color="gray")
     with pytest.raises(ExportError, match="color gray has 1 channel"):

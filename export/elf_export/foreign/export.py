@@ -156,6 +156,8 @@ def export_onnx(
         "--desc",
         ",".join(described) or "none",
     ]
+    arguments += ["--input", image_input] if image_input else []
+    arguments += ["--opset", str(opset)] if opset else []
     sizes = source.sizes
     contract = ModelContract(
         network=Path(file).stem,
