@@ -25,7 +25,8 @@ class Features:
     keypoints : (N, 2) float32
         (x, y) in pixels of the source image; integer = pixel centre, as in OpenCV.
     scores : (N,) float32
-        Descending; ties in raster order.  The denoised saliency, 0..255 after normalisation by its maximum.
+        Descending; ties in raster order.  The denoised saliency, on a scale where 255 is the quantile of it that
+        `DetectionParams.normalize` names (its maximum with the paper's settings).
     descriptors : (N, D) float32
         Rows of unit L2 norm; D = 0 for a model without a descriptor.
     image_size : (height, width)

@@ -106,11 +106,11 @@ def blurred(saliency: Array, params: DetectionParams) -> tuple[Array, Array]:
     scores : (H, W) float32, >= 0
         Blurred by `denoise`: its maxima are the keypoints.
     smooth : (H, W) float32 in [0, 255]; uint8 where ``params.quantize``
-        Blurred by `threshold_blur`: the level is chosen from it.  `scores` where nothing is thresholded.
+        Blurred by `threshold_blur`: Kapur's level is chosen from it.  `scores` where none is.
     """
     level_map = normalized(saliency, params)
     scores = gaussian(level_map, params.denoise).astype(np.float32, copy=False)
-    if params.threshold == "none":
+    if params.threshold != "kapur":
         return scores, scores
     if params.normalize < 1.0 and not params.quantize:
         # Cut off for the level only: maxima cut off would be plateaus, without a place.
