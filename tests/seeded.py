@@ -1,4 +1,4 @@
-"""Seeded stand-ins for trained weights, and float64 copies of a graph."""
+"""Seeded stand-ins for trained weights, and a graph's evaluation in float64."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 import onnx
-from onnx import TensorProto, numpy_helper
 from onnx.reference import ReferenceEvaluator
 from onnx.reference.op_run import OpRun
+
+from elf_export.float64 import in_double
 
 Tensors = dict[str, npt.NDArray[np.float32]]
 
@@ -30,24 +31,6 @@ def seeded_weights(shapes: Mapping[str, Sequence[int]], seed: int = 0) -> Tensor
     return tensors
 
 
-def as_float64(model: onnx.ModelProto) -> onnx.ModelProto:
-    """The same graph with every float32 tensor, attribute and value in float64."""
-    double = onnx.ModelProto()
-    double.CopyFrom(model)
-    constants = [a.t for node in double.graph.node for a in node.attribute if a.HasField("t")]
-    for tensor in (*double.graph.initializer, *constants):
-        if tensor.data_type == TensorProto.FLOAT:
-            values = numpy_helper.to_array(tensor).astype(np.float64)
-            tensor.CopyFrom(numpy_helper.from_array(values, tensor.name))
-    for node in double.graph.node:
-        for attribute in node.attribute:
-            if node.op_type == "Cast" and attribute.name == "to" and attribute.i == TensorProto.FLOAT:
-                attribute.i = TensorProto.DOUBLE
-    for value in (*double.graph.input, *double.graph.output):
-        value.type.tensor_type.elem_type = TensorProto.DOUBLE
-    return double
-
-
 class LRN(OpRun):
     """The operator as specified; onnx's own evaluator fills only as many channels as there are images."""
 
@@ -63,4 +46,4 @@ class LRN(OpRun):
 
 def evaluator64(model: onnx.ModelProto) -> ReferenceEvaluator:
     """An evaluator of `model` in float64."""
-    return ReferenceEvaluator(as_float64(model), new_ops=[LRN])
+    return ReferenceEvaluator(in_double(model), new_ops=[LRN])

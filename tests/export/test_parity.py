@@ -9,9 +9,9 @@ import numpy as np
 import onnx
 import pytest
 import torch
-from onnx import TensorProto, numpy_helper
 from onnx.reference import ReferenceEvaluator
 
+from elf_export.float64 import in_double
 from elf_export.networks import get_network
 from elf_export.reference import preprocess, torch_saliency
 from elf_export.verify import compare, keypoint_agreement
@@ -74,21 +74,9 @@ def test_saliency_and_keypoints_of_the_exported_graph(vgg, name: str) -> None:
         assert agreeing >= 0.99, f"{agreeing:.1%} of {count} keypoints agree"
 
 
-def as_float64(model: onnx.ModelProto) -> onnx.ModelProto:
-    """The same graph with every float32 tensor and value in float64."""
-    double = onnx.ModelProto()
-    double.CopyFrom(model)
-    for tensor in double.graph.initializer:
-        if tensor.data_type == TensorProto.FLOAT:
-            tensor.CopyFrom(numpy_helper.from_array(numpy_helper.to_array(tensor).astype(np.float64), tensor.name))
-    for value in (*double.graph.input, *double.graph.output):
-        value.type.tensor_type.elem_type = TensorProto.DOUBLE
-    return double
-
-
 @pytest.mark.parametrize(("height", "width"), [(16, 20), (17, 23), (19, 16)])
 def test_the_same_graph_in_float64_is_exact(vgg, height: int, width: int) -> None:
-    evaluator = ReferenceEvaluator(as_float64(vgg.model))
+    evaluator = ReferenceEvaluator(in_double(vgg.model))
     images = [textured(height, width, seed) for seed in range(2)]
     images[1][: height // 2] = 77  # ties
     pixels = np.stack(images).astype(np.float64)
