@@ -13,7 +13,7 @@ from .adjoint import build_adjoint
 from .errors import LayerError
 from .graph import Graph, reduce_mean
 from .layout import axes_of, image_layout
-from .passes import compose_convs, cut, fold_batchnorm, fold_constants
+from .passes import compose_convs, cut, fold_batchnorm, fold_constants, share_row_maxima
 from .preprocessing import Preprocessing, prepend
 
 IMAGE, SALIENCY, GRADIENT = "image", "saliency", "gradient"
@@ -75,7 +75,8 @@ def build_saliency(
     reduce_mean(graph, magnitude, layout.index("C"), "saliency/mean", keepdims=0, output=SALIENCY)
     outputs = [helper.make_tensor_value_info(SALIENCY, graph.elem_type(image), ["N", "H", "W"])]
     outputs += _descriptor_outputs(graph, descriptors, axes_of(graph, image, layout))
-    graph = Graph(compose_convs(_with_outputs(graph, outputs), keep=[value.name for value in outputs]))
+    composed = compose_convs(_with_outputs(graph, outputs), keep=[value.name for value in outputs])
+    graph = Graph(share_row_maxima(composed))
     if preprocessing is not None:
         prepend(graph, image, preprocessing, IMAGE, color, layout)
     return _finished(graph, outputs)

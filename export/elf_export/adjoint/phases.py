@@ -84,6 +84,10 @@ def split_max_pool(ctx: Context, grad_y: str) -> Phases:
     x, y = ctx.node.input[0], ctx.node.output[0]
     producer = ctx.graph.producers().get(x)
     rectified = producer is not None and producer.op_type == "Relu"
+    before = ctx.graph.producers().get(grad_y)
+    if before is not None and before.op_type in ("Slice", "Pad"):
+        # Put together by `whole`, outside the blocked layout: back into it at once, for all that follows.
+        grad_y = _depthwise(ctx, grad_y, [[1]], [1, 1], "dy_blocked", [0, 0, 0, 0])
     if rectified and grad_y != y:
         grad_y = ctx.op("Mul", grad_y, positive(ctx, y, "y"), role="dy_positive")
     rows = ctx.op("MaxPool", x, role="row_maxima", kernel_shape=[1, 2], strides=[1, 2])
@@ -112,9 +116,11 @@ def relu(ctx: Context, grad: Phases) -> Phases | None:
         return None
     pieces = []
     for (a, b), piece in zip(PHASES, grad.pieces, strict=True):
-        pick = np.zeros((2, 2))
+        # Without a margin, the windows of the last odd row and column must not begin at it: 2x2, as the pool's.
+        pick = np.zeros((a + 1, b + 1) if grad.margin else (2, 2))
         pick[a, b] = 1
-        mask = _step(ctx, y, pick, [2, 2], f"mask_{a}{b}", margin=grad.margin)
+        ends = [a + 1, b + 1] if grad.margin else [0, 0]
+        mask = _step(ctx, y, pick, [2, 2], f"mask_{a}{b}", ends)
         pieces.append(ctx.op("Mul", piece, mask, role=f"dx_{a}{b}"))
     # Beyond y's edge the masks are zero, and with them the products.
     return Phases(tuple(pieces), ctx.node.input[0], grad.margin)
@@ -213,10 +219,10 @@ def positive(ctx: Context, y: str, role: str) -> str:
 
 
 def _step(
-    ctx: Context, x: str, kernel: npt.ArrayLike, strides: list[int], role: str, margin: int = 0
+    ctx: Context, x: str, kernel: npt.ArrayLike, strides: list[int], role: str, ends: Sequence[int] = (0, 0)
 ) -> str:
-    """[d > 0] with d = a depthwise convolution of x; `margin` adds one row and column, of zeros beyond x."""
-    d = _depthwise(ctx, x, kernel, strides, role, [0, 0, 2 * margin, 2 * margin])
+    """[d > 0] with d = a depthwise convolution of x, which `ends` pads with rows below and columns on the right."""
+    d = _depthwise(ctx, x, kernel, strides, role, [0, 0, *ends])
     return ctx.op("HardSigmoid", d, role=role, alpha=STEEP, beta=0.0)
 
 

@@ -8,6 +8,7 @@ from .cut import cut
 from .fold_batchnorm import fold_batchnorm
 from .fold_constants import fold_constants
 from .share import share
+from .share_row_maxima import share_row_maxima
 from .single_precision import single_precision
 
 __all__ = [
@@ -19,5 +20,6 @@ __all__ = [
     "fold_constants",
     "opset_of",
     "share",
+    "share_row_maxima",
     "single_precision",
 ]
