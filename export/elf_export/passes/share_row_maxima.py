@@ -27,7 +27,8 @@ def share_row_maxima(model: onnx.ModelProto) -> onnx.ModelProto:
             if source.name not in placed:
                 placed.add(source.name)
                 nodes.append(source)
-            node = helper.make_node("MaxPool", source.output, node.output, name=node.name, **COLUMNS)
+            node = helper.make_node("MaxPool", source.output, node.output, node.name)
+            node.attribute.extend(helper.make_attribute(name, value) for name, value in COLUMNS.items())
         if node.name not in placed:
             nodes.append(node)
     del result.graph.node[:]
