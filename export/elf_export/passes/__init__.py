@@ -7,6 +7,7 @@ from .convert_opset import OPSETS, convert_opset, opset_of
 from .cut import cut
 from .fold_batchnorm import fold_batchnorm
 from .fold_constants import fold_constants
+from .project import project
 from .share import share
 from .single_precision import single_precision
 
@@ -18,6 +19,7 @@ __all__ = [
     "fold_batchnorm",
     "fold_constants",
     "opset_of",
+    "project",
     "share",
     "single_precision",
 ]
