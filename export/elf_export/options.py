@@ -15,7 +15,7 @@ EPILOG = """\
 examples:
   elf-export --net vgg --layer pool2                     the paper's detector, described by pool4
   elf-export --net vgg --layer pool1 --desc pool3        a cheaper one
-  elf-export --net vgg --layer pool1 --desc conv3_3 --desc-dim 128 --whiten 0.5
+  elf-export --net vgg --layer pool1 --desc conv3_3 --desc-dim 128
                                                          described by 128 principal components
   elf-export --net vgg --layer pool2 --desc none         saliency and keypoints only
   elf-export --net superpoint --desc vgg:pool3 --weights superpoint_v1.pth
@@ -61,7 +61,7 @@ def parser() -> argparse.ArgumentParser:
         "--whiten",
         type=float,
         metavar="A",
-        help="with pca: divide each component by its variance to the power of A / 2, 0 to 1 (default: 0, not at all)",
+        help="with pca: divide each component by its variance to the power of A / 2, 0 (not at all) to 1 (default: 0.75)",
     )
     p.add_argument(
         "--calibration",
@@ -192,7 +192,7 @@ def reduction_of(args: argparse.Namespace) -> Reduction | None:
 
     if args.desc_dim is None:
         return None
-    return Reduction(args.desc_dim, args.desc_reduce or "pca", args.whiten or 0.0)
+    return Reduction(args.desc_dim, args.desc_reduce or "pca", args.whiten)
 
 
 def layers_of(text: str | None) -> list[str] | None:

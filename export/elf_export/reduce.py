@@ -77,5 +77,5 @@ def arguments(reduction: Reduction | None, calibration: str | os.PathLike[str] |
         return []
     words = ["--desc-dim", str(reduction.dim)]
     words += ["--desc-reduce", reduction.method] if reduction.method != "pca" else []
-    words += ["--whiten", f"{reduction.whiten:g}"] if reduction.whiten else []
+    words += ["--whiten", f"{reduction.exponent:g}"] if reduction.method == "pca" else []
     return words + (["--calibration", os.fspath(calibration)] if calibration is not None else [])
