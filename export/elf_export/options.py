@@ -61,7 +61,8 @@ def parser() -> argparse.ArgumentParser:
         "--whiten",
         type=float,
         metavar="A",
-        help="with pca: divide each component by its variance to the power of A / 2, 0 (not at all) to 1 (default: 0.75)",
+        help="with pca: divide each component by its variance to the power of A / 2; 0, not at all, to 1 (default: "
+        "0.75)",
     )
     p.add_argument(
         "--calibration",
