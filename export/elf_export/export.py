@@ -8,7 +8,11 @@ import shlex
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from elf_runtime import DetectionParams, InputSpec, ModelContract, WeightsSpec
+from elf_runtime.contract import ReductionSpec
 
 from . import verify
 from .describe import attach, by_network, label
@@ -17,8 +21,13 @@ from .forward import DEFAULT_OPSET, NETWORK_INPUT, torch_to_onnx
 from .networks import get_network
 from .output import ExportResult, check_opset, check_output, cost_of, descriptor_specs, versions, write
 from .preprocessing import Preprocessing
+from .projection import Reduction
 from .receptive_field import receptive_fields
+from .reduce import arguments as reduction_arguments
+from .reduce import reduce_descriptors
 from .saliency import build_saliency
+from .verify_projection import MapCheck
+from .verify_projection import parity as map_parity
 from .weights.load import Weights, load_weights
 
 if TYPE_CHECKING:
@@ -40,6 +49,8 @@ def export_network(
     detection: DetectionParams | None = None,
     preprocessing: Preprocessing | Literal["paper", "own"] = "paper",
     desc_weights: str | os.PathLike[str] | None = None,
+    reduction: Reduction | None = None,
+    calibration: str | os.PathLike[str] | None = None,
     log: Callable[[str], None] = lambda _: None,
 ) -> ExportResult:
     """Export a named network as an ELF model.
@@ -63,6 +74,10 @@ def export_network(
         For the detector: the paper's standardisation, what the network was trained with, or any other.
     desc_weights : path, optional
         Weights of the other network that describes, as `weights`.
+    reduction : Reduction, optional
+        Fewer values a descriptor, in every descriptor layer; the layers' channels as they are by default.
+    calibration : path, optional
+        Folder of images that the reduction is fitted to; the exporter's photographs by default.
 
     Returns
     -------
@@ -103,43 +118,60 @@ def export_network(
     )
     fields = receptive_fields(forward, NETWORK_INPUT)
     smallest, provenance = least_size(module, settings.channels), [loaded]
+    references = {name: (module, layers, settings)}
     for other, its_layers in described.items():
         other_network = others[other]
         its_weights = load_weights(other_network, its_layers, desc_weights, offline, log)
         its_module = other_network.build(its_weights.tensors, its_layers)
         its_forward = torch_to_onnx(its_module, its_layers, other_network.preprocessing.channels, opset)
         model = attach(model, its_forward, other, its_layers, other_network.preprocessing, color)
+        references[other] = (its_module, its_layers, other_network.preprocessing)
         its_fields = receptive_fields(its_forward, NETWORK_INPUT)
         fields |= {label(other, its_layer, name): its_fields[its_layer] for its_layer in its_layers}
         smallest = max(smallest, least_size(its_module, other_network.preprocessing.channels))
         provenance.append(its_weights)
 
-    from .reference import torch_saliency
+    from .reference import torch_maps, torch_saliency
 
     def reference(dtype: str) -> verify.Reference:
         return torch_saliency(copy.deepcopy(module), settings, dtype, network.gradient, color)
 
+    def maps(pixels: verify.Array) -> dict[str, NDArray[np.floating]]:
+        found: dict[str, NDArray[np.floating]] = {}
+        for other, (its_module, its_layers, its_settings) in references.items():
+            own_maps = torch_maps(copy.deepcopy(its_module), its_layers, its_settings, color)(pixels)
+            found |= {label(other, its_layer, name): value for its_layer, value in own_maps.items()}
+        return found
+
     detection, channels = detection or network.detection, 1 if color == "gray" else 3
+    labels = [f"{other}:{its}" for other in described for its in described[other]]
+    # In the order that was asked for: the first describes by default.
+    labels = sorted([*own, *labels], key=[w.removeprefix(f"{name}:") for w in wanted].index)
+    spec = InputSpec(color=color, channels=channels, min_size=smallest)
+    reductions: dict[str, ReductionSpec] = {}
+    map_checks: list[MapCheck] = []
+    if reduction is not None:
+        model, reductions, map_checks = reduce_descriptors(
+            model, labels, reduction, calibration, spec, detection.scale, maps, log
+        )
     checks = verify.verify(model, reference("float64"), channels, detection, reference("float32"))
     verify.require(checks)
     log(verify.table(checks))
 
-    labels = [f"{other}:{its}" for other in described for its in described[other]]
-    # In the order that was asked for: the first describes by default.
-    labels = sorted([*own, *labels], key=[w.removeprefix(f"{name}:") for w in wanted].index)
     arguments = ["elf-export", "--net", name, "--layer", layer, "--desc", ",".join(labels) or "none"]
     if preprocessing == "own":
         arguments += ["--preprocess", "own"]
+    arguments += reduction_arguments(reduction, calibration)
     contract = ModelContract(
         network=name,
         layer=layer,
         stride=fields[layer].stride,
-        input=InputSpec(color=color, channels=channels, min_size=smallest),
-        descriptors=descriptor_specs(model, labels, fields),
+        input=spec,
+        descriptors=descriptor_specs(model, labels, fields, reductions),
         detection=detection,
         preprocessing=settings.describe(),
         weights=joined(provenance),
-        parity=verify.parity(checks),
+        parity=verify.parity(checks) | map_parity(map_checks),
         cost=cost_of(model, labels),
         versions=versions(opset),
         command=shlex.join(arguments),

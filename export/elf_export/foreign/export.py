@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import onnx
 
 from elf_export import differences
@@ -26,9 +27,15 @@ from elf_export.output import (
 )
 from elf_export.passes import convert_opset, cut, opset_of, single_precision
 from elf_export.preprocessing import Preprocessing
+from elf_export.projection import Reduction
 from elf_export.receptive_field import Field, receptive_fields
+from elf_export.reduce import arguments as reduction_arguments
+from elf_export.reduce import reduce_descriptors
 from elf_export.saliency import build_gradient, build_saliency, descriptor_output
+from elf_export.verify_projection import MapCheck, Maps
+from elf_export.verify_projection import parity as map_parity
 from elf_runtime import DetectionParams, InputSpec, ModelContract, WeightsSpec
+from elf_runtime.contract import ReductionSpec
 from elf_runtime.session import open_session
 
 from .free_sizes import Sizes, free_sizes
@@ -95,6 +102,8 @@ def export_onnx(
     opset: int | None = None,
     force: bool = False,
     detection: DetectionParams | None = None,
+    reduction: Reduction | None = None,
+    calibration: str | os.PathLike[str] | None = None,
     log: Callable[[str], None] = lambda _: None,
 ) -> ExportResult:
     """Export any CNN's .onnx file as an ELF model.
@@ -111,6 +120,8 @@ def export_onnx(
         By default the paper's standardisation, on RGB (or gray) pixels.
     opset : int, optional
         The file's own by default, moved into 11 to 20.
+    reduction, calibration : optional
+        As in `elf_export.export_network`.
 
     Returns
     -------
@@ -158,26 +169,47 @@ def export_onnx(
     ]
     arguments += ["--input", image_input] if image_input else []
     arguments += ["--opset", str(opset)] if opset else []
-    sizes = source.sizes
+    arguments += reduction_arguments(reduction, calibration)
+    sizes, detection = source.sizes, detection or DetectionParams()
+    spec = InputSpec(
+        color=settings.color, channels=settings.channels, min_size=sizes.min_size,
+        height=sizes.height, width=sizes.width, batch=sizes.batch, multiple=sizes.multiple,
+    )  # fmt: skip
+    reductions: dict[str, ReductionSpec] = {}
+    map_checks: list[MapCheck] = []
+    if reduction is not None:
+        maps = maps_of(saliency, described)
+        saliency, reductions, map_checks = reduce_descriptors(
+            saliency, described, reduction, calibration, spec, detection.scale, maps, log
+        )
     contract = ModelContract(
         network=Path(file).stem,
         layer=name,
         stride=fields[name].stride,
-        input=InputSpec(
-            color=settings.color, channels=settings.channels, min_size=sizes.min_size,
-            height=sizes.height, width=sizes.width, batch=sizes.batch, multiple=sizes.multiple,
-        ),
-        descriptors=descriptor_specs(saliency, described, fields),
-        detection=detection or DetectionParams(),
+        input=spec,
+        descriptors=descriptor_specs(saliency, described, fields, reductions),
+        detection=detection,
         preprocessing=settings.describe(),
         weights=WeightsSpec(Path(file).name, hashlib.sha256(Path(file).read_bytes()).hexdigest(), ""),
-        parity=differences.parity(agreement),
+        parity=differences.parity(agreement) | map_parity(map_checks),
         cost=cost_of(saliency, described),
         versions=versions(opset_of(saliency)),
         command=shlex.join([*arguments, *settings.arguments()]),
-    )  # fmt: skip
+    )
     write(saliency, contract, path)
     return ExportResult(path, contract)
+
+
+def maps_of(model: onnx.ModelProto, layers: Sequence[str]) -> Maps:
+    """The model's own descriptor maps, by ONNX Runtime."""
+    session, _ = open_session(model.SerializeToString())
+    outputs = [descriptor_output(layer) for layer in layers]
+
+    def maps(pixels: npt.NDArray[np.float32]) -> dict[str, npt.NDArray[np.float32]]:
+        found = session.run(outputs, {session.get_inputs()[0].name: pixels})
+        return dict(zip(layers, found, strict=True))
+
+    return maps
 
 
 def measured_fields(

@@ -7,6 +7,7 @@ from .convert_opset import OPSETS, convert_opset, opset_of
 from .cut import cut
 from .fold_batchnorm import fold_batchnorm
 from .fold_constants import fold_constants
+from .project import project
 from .share import share
 from .share_row_maxima import share_row_maxima
 from .single_precision import single_precision
@@ -19,6 +20,7 @@ __all__ = [
     "fold_batchnorm",
     "fold_constants",
     "opset_of",
+    "project",
     "share",
     "share_row_maxima",
     "single_precision",
