@@ -11,6 +11,7 @@ computes without rounding.
 from __future__ import annotations
 
 from . import phases
+from .gradient import Rectified
 from .registry import Context
 
 
@@ -20,7 +21,8 @@ def max_pool(ctx: Context, grad_y: str) -> str:
     As `phases.split_max_pool`, with products in place of differences: dy_top = dy (1 - [t_bottom > t_top]).
     """
     x, y = ctx.node.input[0], ctx.node.output[0]
-    if phases.is_rectified(ctx, x) and grad_y != y:
+    rectified = phases.is_rectified(ctx, x)
+    if rectified and grad_y != y:
         grad_y = ctx.op("Mul", grad_y, phases.positive(ctx, y, "y"), role="dy_positive")
     rows = phases.row_maxima(ctx)
     lower = phases.bottom_wins(ctx, rows)
@@ -49,7 +51,8 @@ def max_pool(ctx: Context, grad_y: str) -> str:
     )
     pads = ctx.op("Concat", ctx.int64s([0] * 5, "no_pads"), lack, ctx.int64s([0], "no_pad"), role="pads", axis=0)
     full = ctx.op("Pad", even, pads, ctx.const(0, "fill", like=x), role="dx_nhwc", mode="constant")
-    return ctx.op("Transpose", full, role="dx", perm=[0, 3, 1, 2])
+    dx = ctx.op("Transpose", full, role="dx", perm=[0, 3, 1, 2])
+    return Rectified(dx, x) if rectified else dx
 
 
 def _complement(ctx: Context, mask: str, role: str) -> str:

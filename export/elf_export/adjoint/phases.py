@@ -26,7 +26,7 @@ from elf_export.graph import Array, Graph
 
 from .conv import flipped
 from .geometry import Window, window_of
-from .gradient import Part, Phases
+from .gradient import Part, Phases, Rectified
 from .registry import Context, Rule
 
 STEEP = 1e30
@@ -277,6 +277,8 @@ _ON_PHASES: dict[str, Callable[[Context, Phases], Phases | None]] = {"Relu": rel
 def apply(rule: Rule, ctx: Context, grads: Sequence[Part | None]) -> list[Part | None]:
     """A node's rule; its form for phases where the gradient arrives in phases and there is one."""
     (first, *others) = grads
+    if isinstance(first, Rectified) and ctx.node.op_type == "Relu" and first.unless_positive == ctx.node.output[0]:
+        return [str(first)]
     if isinstance(first, Phases) and not others and ctx.node.op_type in _ON_PHASES:
         passed = _ON_PHASES[ctx.node.op_type](ctx, first)
         if passed is not None:

@@ -202,11 +202,12 @@ class _Rewriter:
         both = graph.unique(f"{y}/both")
         self._conv(node, node.input[0], np.concatenate([kernel, kernel * FINE, idle]), None, both)
         self._round(both, scheme)
-        magnitude = graph.op("Abs", self.twins[both], name=f"{y}/magnitudes")
         axis, halves = graph.int64s([1], f"{y}/axis"), []
         for start, name in ((0, "coarse"), (count, "fine")):
             bounds = [graph.int64s([v], f"{y}/{name}_{what}") for v, what in ((start, "from"), (start + count, "to"))]
-            halves.append(graph.op("Slice", magnitude, *bounds, axis, name=f"{y}/{name}"))
+            q = graph.op("Slice", self.integers[both], *bounds, axis, name=f"{y}/{name}_q")
+            value = graph.op("DequantizeLinear", q, *self._scale(f"{y}/{name}", scheme), name=f"{y}/{name}")
+            halves.append(graph.op("Abs", value, name=f"{y}/{name}_magnitude"))
         # -128 and 127 both saturate.
         top = graph.const(np.float32(126.5 * scheme.scale), f"{y}/top")
         inside = graph.op("Less", halves[1], top, name=f"{y}/fits")
