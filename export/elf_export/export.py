@@ -11,15 +11,19 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from elf_runtime import DetectionParams, InputSpec, ModelContract, WeightsSpec
+from elf_runtime import InputSpec, ModelContract, WeightsSpec
 from elf_runtime.contract import ReductionSpec
 
 from . import verify
+from .calibration import calibration_set
 from .describe import attach, by_network, label
+from .detection import Wanted, chosen
+from .detection import arguments as detection_arguments
 from .errors import ExportError
 from .forward import DEFAULT_OPSET, NETWORK_INPUT, torch_to_onnx
 from .networks import get_network
 from .output import ExportResult, check_opset, check_output, cost_of, descriptor_specs, versions, write
+from .precision import lower
 from .preprocessing import Preprocessing
 from .projection import Reduction
 from .receptive_field import receptive_fields
@@ -46,11 +50,12 @@ def export_network(
     opset: int = DEFAULT_OPSET,
     force: bool = False,
     offline: bool = False,
-    detection: DetectionParams | None = None,
+    detection: Wanted = None,
     preprocessing: Preprocessing | Literal["paper", "own"] = "paper",
     desc_weights: str | os.PathLike[str] | None = None,
     reduction: Reduction | None = None,
     calibration: str | os.PathLike[str] | None = None,
+    precision: str = "fp32",
     log: Callable[[str], None] = lambda _: None,
 ) -> ExportResult:
     """Export a named network as an ELF model.
@@ -68,8 +73,8 @@ def export_network(
         See `elf_export.weights.load.load_weights`.
     force : bool
         Overwrite an existing file.
-    detection : DetectionParams, optional
-        The settings that the runtime uses where the caller gives none; the network's by default.
+    detection : DetectionParams or dict, optional
+        The settings that the runtime uses where the caller gives none, or what to change of the network's own.
     preprocessing : "paper", "own" or Preprocessing
         For the detector: the paper's standardisation, what the network was trained with, or any other.
     desc_weights : path, optional
@@ -77,7 +82,9 @@ def export_network(
     reduction : Reduction, optional
         Fewer values a descriptor, in every descriptor layer; the layers' channels as they are by default.
     calibration : path, optional
-        Folder of images that the reduction is fitted to; the exporter's photographs by default.
+        Folder of images that reduction and precision are fitted to; the exporter's photographs by default.
+    precision : "fp32", "fp16", "bf16" or "int8"
+        See `elf_export.precision.lower`.
 
     Returns
     -------
@@ -90,6 +97,7 @@ def export_network(
         with torch.autograd; no file is left behind.
     """
     network = get_network(name)
+    params = chosen(network.detection, detection)
     layer = layer or network.default_layer
     wanted = list(dict.fromkeys(network.default_descriptors if descriptors is None else descriptors))
     described = by_network(name, wanted)
@@ -114,8 +122,9 @@ def export_network(
     module = network.build(loaded.tensors, layers)
     forward = torch_to_onnx(module, layers, settings.channels, opset)
     model = build_saliency(
-        forward, layer, own, NETWORK_INPUT, settings, differentiate=network.gradient, color=color
-    )
+        forward, layer, own, NETWORK_INPUT, settings, differentiate=network.gradient, color=color,
+        channels_last=precision == "int8",
+    )  # fmt: skip
     fields = receptive_fields(forward, NETWORK_INPUT)
     smallest, provenance = least_size(module, settings.channels), [loaded]
     references = {name: (module, layers, settings)}
@@ -143,7 +152,7 @@ def export_network(
             found |= {label(other, its_layer, name): value for its_layer, value in own_maps.items()}
         return found
 
-    detection, channels = detection or network.detection, 1 if color == "gray" else 3
+    channels = 1 if color == "gray" else 3
     labels = [f"{other}:{its}" for other in described for its in described[other]]
     # In the order that was asked for: the first describes by default.
     labels = sorted([*own, *labels], key=[w.removeprefix(f"{name}:") for w in wanted].index)
@@ -152,23 +161,26 @@ def export_network(
     map_checks: list[MapCheck] = []
     if reduction is not None:
         model, reductions, map_checks = reduce_descriptors(
-            model, labels, reduction, calibration, spec, detection.scale, maps, log
+            model, labels, reduction, calibration, spec, params.scale, maps, log
         )
-    checks = verify.verify(model, reference("float64"), channels, detection, reference("float32"))
+    checks = verify.verify(model, reference("float64"), channels, params, reference("float32"))
     verify.require(checks)
     log(verify.table(checks))
 
     arguments = ["elf-export", "--net", name, "--layer", layer, "--desc", ",".join(labels) or "none"]
     if preprocessing == "own":
         arguments += ["--preprocess", "own"]
-    arguments += reduction_arguments(reduction, calibration)
+    arguments += reduction_arguments(reduction)
+    arguments += detection_arguments(network.detection, params)
+    arguments += ["--precision", precision] if precision != "fp32" else []
+    arguments += ["--calibration", os.fspath(calibration)] if calibration is not None else []
     contract = ModelContract(
         network=name,
         layer=layer,
         stride=fields[layer].stride,
         input=spec,
         descriptors=descriptor_specs(model, labels, fields, reductions),
-        detection=detection,
+        detection=params,
         preprocessing=settings.describe(),
         weights=joined(provenance),
         parity=verify.parity(checks) | map_parity(map_checks),
@@ -176,6 +188,7 @@ def export_network(
         versions=versions(opset),
         command=shlex.join(arguments),
     )
+    model, contract = lower(model, contract, precision, calibration_set(calibration), log)
     write(model, contract, path)
     return ExportResult(path, contract, checks)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .preprocessing import Preprocessing
@@ -26,6 +26,7 @@ examples:
                                                          an ELF model from it; needs no PyTorch
 """
 
+PRECISIONS = ("fp32", "fp16", "bf16", "int8")
 ONLY_WITH_NET = ("weights", "offline", "preprocess", "desc_weights")
 ONLY_WITH_ONNX = ("input", "color", "mean", "std", "scale", "standardize")
 
@@ -67,8 +68,18 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--calibration",
         metavar="FOLDER",
-        help="images that --desc-dim is fitted to (default: photographs that come with the exporter)",
+        help="images that --desc-dim and --precision are fitted to (default: photographs that come with the exporter)",
     )
+    p.add_argument(
+        "--precision", choices=PRECISIONS, default="fp32",
+        help="int8: convolutions in 8-bit integers, for CPUs; fp16: for GPUs; bf16: weights stored in half the bytes. "
+        "What it changes against fp32 is printed",
+    )  # fmt: skip
+    p.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", type=setting,
+        help="a detection setting that the file carries as its default, such as scale=0.5 or denoise=5,1.2; may be "
+        "given several times",
+    )  # fmt: skip
     p.add_argument("--output", "-o", metavar="FILE", help="default: elf-NET-LAYER.onnx")
     p.add_argument("--opset", type=int, metavar="N", help="ONNX opset of the file, 11 to 20 (default: 17; with "
                    "--onnx the model's own, if it is one of these)")  # fmt: skip
@@ -149,9 +160,11 @@ def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
             fail(f"--{name} has {len(getattr(args, name))} numbers, --color gray has one channel")
     if args.std is not None and min(map(abs, args.std)) == 0:
         fail("--std has a zero, by which the pixels would be divided")
-    for name in ("desc_reduce", "whiten", "calibration"):
+    for name in ("desc_reduce", "whiten"):
         if given(name) and args.desc_dim is None:
             fail(f"--{name.replace('_', '-')} goes with --desc-dim only")
+    if args.calibration is not None and args.desc_dim is None and args.precision == "fp32":
+        fail("--calibration goes with --desc-dim or --precision only")
     if args.desc_dim is not None and args.desc == "none":
         fail("--desc none leaves no descriptor for --desc-dim to project")
     if args.desc_dim is not None and args.desc_dim < 1:
@@ -194,6 +207,28 @@ def reduction_of(args: argparse.Namespace) -> Reduction | None:
     if args.desc_dim is None:
         return None
     return Reduction(args.desc_dim, args.desc_reduce or "pca", args.whiten)
+
+
+def setting(text: str) -> tuple[str, Any]:
+    """A detection setting: "scale=0.5", "denoise=5,1.2", "subpixel=true"."""
+    name, equals, value = text.partition("=")
+    parts = [_plain(part) for part in value.split(",")]
+    if not equals or not name or "" in parts:
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE")
+    return name.strip(), parts[0] if len(parts) == 1 else tuple(parts)
+
+
+def _plain(text: str) -> Any:
+    """A number, true or false, or the text itself."""
+    text = text.strip()
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text
 
 
 def layers_of(text: str | None) -> list[str] | None:

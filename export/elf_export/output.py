@@ -98,14 +98,21 @@ def versions(opset: int) -> dict[str, str]:
     return found | {"torch": torch.__version__}
 
 
-def write(model: onnx.ModelProto, contract: ModelContract, path: Path) -> None:
-    """Stamp the contract on the model and put the file in place in one step."""
+def stamped(model: onnx.ModelProto, contract: ModelContract) -> bytes:
+    """The file's bytes: the model with the contract on it."""
     model.producer_name = "elf-onnx"
     model.producer_version = elf_runtime.__version__
     stamp(model, contract.to_metadata())
+    data: bytes = model.SerializeToString(deterministic=True)
+    return data
+
+
+def write(model: onnx.ModelProto, contract: ModelContract, path: Path) -> None:
+    """Put the model with its contract in place in one step."""
+    data = stamped(model, contract)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        part.write_bytes(model.SerializeToString(deterministic=True))
+        part.write_bytes(data)
         os.replace(part, path)
     except OSError as error:
         raise ExportError(f"{path}: {error.strerror or error}") from error

@@ -71,11 +71,10 @@ def reduce_descriptors(
     return model, specs(projections, reduction, images), checks
 
 
-def arguments(reduction: Reduction | None, calibration: str | os.PathLike[str] | None) -> list[str]:
+def arguments(reduction: Reduction | None) -> list[str]:
     """The options of `elf-export` that say so."""
     if reduction is None:
         return []
     words = ["--desc-dim", str(reduction.dim)]
     words += ["--desc-reduce", reduction.method] if reduction.method != "pca" else []
-    words += ["--whiten", f"{reduction.exponent:g}"] if reduction.method == "pca" else []
-    return words + (["--calibration", os.fspath(calibration)] if calibration is not None else [])
+    return words + (["--whiten", f"{reduction.exponent:g}"] if reduction.method == "pca" else [])

@@ -263,6 +263,7 @@ def depthwise(
     """Each channel of x, which has as many as the node's input, convolved with the same small kernel."""
     like = ctx.node.input[0]
     channels = (ctx.shape(like) or [])[1]
+    assert isinstance(channels, int), "splits has seen to that"
     size = list(np.shape(kernel))
     inputs = [x, ctx.const(np.broadcast_to(kernel, (channels, 1, *size)), f"{role}_kernel", like=like)]
     if bias is not None:

@@ -15,6 +15,9 @@ import numpy.typing as npt
 import onnx
 
 from elf_export import differences
+from elf_export.calibration import calibration_set
+from elf_export.detection import Wanted, chosen
+from elf_export.detection import arguments as detection_arguments
 from elf_export.errors import ExportError, LayerError
 from elf_export.output import (
     ExportResult,
@@ -26,6 +29,7 @@ from elf_export.output import (
     write,
 )
 from elf_export.passes import convert_opset, cut, opset_of, single_precision
+from elf_export.precision import lower
 from elf_export.preprocessing import Preprocessing
 from elf_export.projection import Reduction
 from elf_export.receptive_field import Field, receptive_fields
@@ -101,9 +105,10 @@ def export_onnx(
     preprocessing: Preprocessing | None = None,
     opset: int | None = None,
     force: bool = False,
-    detection: DetectionParams | None = None,
+    detection: Wanted = None,
     reduction: Reduction | None = None,
     calibration: str | os.PathLike[str] | None = None,
+    precision: str = "fp32",
     log: Callable[[str], None] = lambda _: None,
 ) -> ExportResult:
     """Export any CNN's .onnx file as an ELF model.
@@ -120,7 +125,7 @@ def export_onnx(
         By default the paper's standardisation, on RGB (or gray) pixels.
     opset : int, optional
         The file's own by default, moved into 11 to 20.
-    reduction, calibration : optional
+    detection, reduction, calibration, precision : optional
         As in `elf_export.export_network`.
 
     Returns
@@ -135,6 +140,7 @@ def export_onnx(
     """
     if opset is not None:
         check_opset(opset)
+    params = chosen(DetectionParams(), detection)
     model = load_model(file)
     source = prepare(model, [layer, *descriptors], image_input, opset)
     name, *described = source.layers
@@ -149,7 +155,9 @@ def export_onnx(
     log(f"image {source.image.name!r}, {source.image.layout}, {source.image.channels} channel(s); sizes: "
         f"{source.sizes.describe()}")  # fmt: skip
 
-    saliency = build_saliency(source.model, name, described, source.image.name, settings)
+    saliency = build_saliency(
+        source.model, name, described, source.image.name, settings, channels_last=precision == "int8"
+    )
     gradient = build_gradient(source.model, name, source.image.name)
     agreement = differences.check(
         cut(source.model, [name]), gradient, saliency, name, source.image, source.sizes, settings
@@ -169,8 +177,11 @@ def export_onnx(
     ]
     arguments += ["--input", image_input] if image_input else []
     arguments += ["--opset", str(opset)] if opset else []
-    arguments += reduction_arguments(reduction, calibration)
-    sizes, detection = source.sizes, detection or DetectionParams()
+    arguments += reduction_arguments(reduction)
+    arguments += detection_arguments(DetectionParams(), params)
+    arguments += ["--precision", precision] if precision != "fp32" else []
+    arguments += ["--calibration", os.fspath(calibration)] if calibration is not None else []
+    sizes = source.sizes
     spec = InputSpec(
         color=settings.color, channels=settings.channels, min_size=sizes.min_size,
         height=sizes.height, width=sizes.width, batch=sizes.batch, multiple=sizes.multiple,
@@ -180,7 +191,7 @@ def export_onnx(
     if reduction is not None:
         maps = maps_of(saliency, described)
         saliency, reductions, map_checks = reduce_descriptors(
-            saliency, described, reduction, calibration, spec, detection.scale, maps, log
+            saliency, described, reduction, calibration, spec, params.scale, maps, log
         )
     contract = ModelContract(
         network=Path(file).stem,
@@ -188,7 +199,7 @@ def export_onnx(
         stride=fields[name].stride,
         input=spec,
         descriptors=descriptor_specs(saliency, described, fields, reductions),
-        detection=detection,
+        detection=params,
         preprocessing=settings.describe(),
         weights=WeightsSpec(Path(file).name, hashlib.sha256(Path(file).read_bytes()).hexdigest(), ""),
         parity=differences.parity(agreement) | map_parity(map_checks),
@@ -196,6 +207,7 @@ def export_onnx(
         versions=versions(opset_of(saliency)),
         command=shlex.join([*arguments, *settings.arguments()]),
     )
+    saliency, contract = lower(saliency, contract, precision, calibration_set(calibration), log)
     write(saliency, contract, path)
     return ExportResult(path, contract)
 

@@ -240,7 +240,9 @@ class _Rewriter:
         if scheme is None or scheme.zero or len(shape) != 4 or not isinstance(shape[1], int):
             return False
         kernel = np.ones((shape[1], 1, 1, 1))
-        difference = onnx.helper.make_node("Conv", [x], [node.output[0]], name=node.name, group=shape[1], kernel_shape=[1, 1])
+        difference = onnx.helper.make_node(
+            "Conv", [x], [node.output[0]], name=node.name, group=shape[1], kernel_shape=[1, 1]
+        )
         self._conv(difference, x, kernel / scheme.scale, None, node.output[0])
         self._round(node.output[0], MASK)
         self.masks.add(node.output[0])
@@ -265,8 +267,8 @@ class _Rewriter:
         self.twins[name] = self.graph.op("DequantizeLinear", q, *self._scale(name, scheme), name=f"{name}/rounded")
 
     def _scale(self, name: str, scheme: Scheme) -> tuple[str, str]:
-        graph = self.graph
-        return graph.const(np.float32(scheme.scale), f"{name}/scale"), graph.const(np.uint8(scheme.zero), f"{name}/zero")
+        scale = self.graph.const(np.float32(scheme.scale), f"{name}/scale")
+        return scale, self.graph.const(np.uint8(scheme.zero), f"{name}/zero")
 
 
 def _is_convolution(graph: Graph, node: onnx.NodeProto) -> bool:
