@@ -32,14 +32,18 @@ def sample(feature_map: Array, points: Array, stride: float, offset: float) -> A
     x1, y1 = np.minimum(x0 + 1, width - 1), np.minimum(y0 + 1, height - 1)
     fx, fy = (x - x0).astype(np.float32)[:, None], (y - y0).astype(np.float32)[:, None]
     rows = feature_map.reshape(-1, dim)
-    out = rows[y0 * width + x0] * ((1 - fx) * (1 - fy))
-    out += rows[y0 * width + x1] * (fx * (1 - fy))
-    out += rows[y1 * width + x0] * ((1 - fx) * fy)
-    out += rows[y1 * width + x1] * (fx * fy)
+    out = rows.take(y0 * width + x0, axis=0)
+    out *= (1 - fx) * (1 - fy)
+    corner = np.empty_like(out)
+    for below, right, weight in ((y0, x1, fx * (1 - fy)), (y1, x0, (1 - fx) * fy), (y1, x1, fx * fy)):
+        rows.take(below * width + right, axis=0, out=corner, mode="clip")  # no index is; "raise" would buffer
+        corner *= weight
+        out += corner
     return normalize_rows(out)
 
 
 def normalize_rows(rows: Array) -> Array:
     """Rows scaled to unit L2 norm; a row of zeros stays one.  (N, D) -> (N, D) float32."""
-    norm = np.sqrt(np.einsum("nd,nd->n", rows, rows, dtype=np.float64))[:, None]
-    return np.asarray(rows / np.maximum(norm, np.finfo(np.float32).tiny), np.float32)
+    wide = rows.astype(np.float64)
+    wide /= np.maximum(np.sqrt(np.einsum("nd,nd->n", wide, wide))[:, None], np.finfo(np.float32).tiny)
+    return wide.astype(np.float32)
