@@ -24,9 +24,12 @@ from elf_export.cli import main
 from elf_export.passes import project
 from elf_export.projection import fit, moments, thinned
 from elf_runtime import ElfRuntime
+from elf_runtime.commands.info import main as info
 from helpers import textured
 
-from .small_models import nchw, nhwc
+from .small_models import convolutions as small_convolutions
+from .small_models import model as small_model
+from .small_models import nchw, nhwc, weights
 
 
 @pytest.fixture
@@ -153,6 +156,20 @@ def test_the_graph_projects_as_numpy_does(described: list[str], more: int) -> No
     assert convolutions(projected) - convolutions(model) == more
 
 
+def test_a_convolution_in_groups_is_left_alone() -> None:
+    nodes, tensors = small_convolutions()
+    nodes.append(onnx.helper.make_node("Conv", ["relu2", "w3"], ["grouped"], group=2, pads=[1] * 4))
+    net = small_model(nodes, tensors | {"w3": weights(6, 2, 3, 3, seed=4)}, (1, 3, 64, 64), "grouped")
+    model = build_saliency(net, "pool1", ["grouped"])
+    pixels = textured(64, 64).astype(np.float32).transpose(2, 0, 1)[None]
+    before = outputs(model, pixels)["descriptors_grouped"]
+    matrix, bias = MATRICES.standard_normal((6, 6)), MATRICES.standard_normal(6)
+    projected = project(model, {"descriptors_grouped": (matrix, bias)})
+    wanted = before.astype(np.float64) @ matrix + bias
+    found = outputs(projected, pixels)["descriptors_grouped"]
+    np.testing.assert_allclose(found, wanted, atol=1e-5 * np.abs(wanted).max())
+
+
 def test_maps_with_channels_last_are_projected_too() -> None:
     model = build_saliency(nhwc((1, 64, 64, 3)), "pool1", ["y"])
     pixels = textured(64, 64).astype(np.float32)[None]
@@ -173,7 +190,9 @@ def photographs(tmp_path: Path) -> Path:
     return folder
 
 
-def test_anyone_s_model_with_fewer_values(tmp_path: Path, photographs: Path) -> None:
+def test_anyone_s_model_with_fewer_values(
+    tmp_path: Path, photographs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     onnx.save(nchw(("N", 3, "H", "W")), tmp_path / "net.onnx")
     whole = export_onnx(tmp_path / "net.onnx", "pool1", ["conv2", "relu2"], tmp_path / "whole.onnx")
     reduction = Reduction(3, whiten=0.5)
@@ -191,6 +210,13 @@ def test_anyone_s_model_with_fewer_values(tmp_path: Path, photographs: Path) -> 
     assert contract == made[0].contract
     assert contract.parity["descriptor_error"] < 1e-5
     assert "--desc-dim 3 --whiten 0.5 --calibration" in contract.command
+    assert info([str(made[0].path)]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "relu2: 3 values, a cell every 2 pixels; of 4 channels by pca, whitened by 0.5, " in shown
+    assert (
+        f"fitted to 3 images of photographs (SHA-256 {contract.descriptors[1].reduction.sha256[:16]}...)"
+        in shown
+    )
     elf, plain = ElfRuntime(made[0].path), onnx.load(whole.path)
     image = textured(90, 110, 9)
     photos = np.stack([cv2.imread(str(photographs / f"{k}.png"))[:, :, ::-1] for k in range(3)]).astype(

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import onnx
 from onnx import helper
 
-from elf_export.graph import Graph, attributes
+from elf_export.graph import Graph, attributes, captured
 
 from .cut import cut
 
@@ -42,8 +42,9 @@ def _project(graph: Graph, last: onnx.NodeProto, affine: Affine) -> None:
     perm = attributes(last)["perm"]
     first = [perm[i] for i in (0, 3, 1, 2)]  # the source's axes in the order N, C, H, W
     made = graph.producers().get(source)
-    readers = graph.consumers()[source]
-    free = len(readers) == 1 and not any(value.name == source for value in graph.model.graph.output)
+    inside = any(source in captured(node) for node in graph.nodes)
+    outside = any(value.name == source for value in graph.model.graph.output)
+    free = len(graph.consumers()[source]) == 1 and not inside and not outside
     if free and made is not None and first == [0, 1, 2, 3] and _composed(graph, made, affine):
         projected = source
     else:
