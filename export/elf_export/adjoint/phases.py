@@ -275,10 +275,15 @@ def depthwise(
 _ON_PHASES: dict[str, Callable[[Context, Phases], Phases | None]] = {"Relu": relu, "Conv": conv}
 
 
+def _is_masked(grad: Part | None, y: str) -> bool:
+    """Whether the gradient is zero wherever y = max(x, 0) is: made so, or y itself, the seed."""
+    return isinstance(grad, str) and (grad == y or (isinstance(grad, Rectified) and grad.unless_positive == y))
+
+
 def apply(rule: Rule, ctx: Context, grads: Sequence[Part | None]) -> list[Part | None]:
     """A node's rule; its form for phases where the gradient arrives in phases and there is one."""
     (first, *others) = grads
-    if isinstance(first, Rectified) and ctx.node.op_type == "Relu" and first.unless_positive == ctx.node.output[0]:
+    if ctx.node.op_type == "Relu" and _is_masked(first, ctx.node.output[0]):
         return [str(first)]
     if isinstance(first, Phases) and not others and ctx.node.op_type in _ON_PHASES:
         passed = _ON_PHASES[ctx.node.op_type](ctx, first)

@@ -10,6 +10,9 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float32]
 
 LEVELS = 255
+# Of weights, on either side of zero.  x86 processors without VNNI add two products of 8 bits in 16 bits, which must
+# hold 2 * 255 * 63; the eighth bit of the weights was not seen in any result.
+WEIGHT_LEVELS = 63
 # Clipping the rarest values costs less than the finer steps for all others gain, up to some point: these shares
 # of the largest magnitude are tried.
 SHARES = np.geomspace(1.0, 0.1, 40)
@@ -55,10 +58,10 @@ def weights(kernel: npt.NDArray[np.floating]) -> tuple[npt.NDArray[np.int8], npt
 
     Returns
     -------
-    q : as `kernel`, in -127..127
+    q : as `kernel`, in -63..63
     scales : (K,) float32
     """
     largest = np.abs(kernel).max(axis=tuple(range(1, kernel.ndim)))
-    scales = (np.where(largest > 0, largest, 1.0) / 127).astype(np.float32)
+    scales = (np.where(largest > 0, largest, 1.0) / WEIGHT_LEVELS).astype(np.float32)
     shaped = scales.reshape(-1, *[1] * (kernel.ndim - 1)).astype(np.float64)
-    return np.clip(np.rint(kernel / shaped), -127, 127).astype(np.int8), scales
+    return np.clip(np.rint(kernel / shaped), -WEIGHT_LEVELS, WEIGHT_LEVELS).astype(np.int8), scales
