@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import onnxruntime as ort
 
-from elf_runtime.coverage import Coverage
 
-
-def report_text(report: Mapping[str, Any], coverages: Sequence[Coverage]) -> str:
+def report_text(report: Mapping[str, Any]) -> str:
     """The report of one model, for reading."""
     rows = [f"{report['file']}  ({_size(report['bytes'])})"]
     if "contract" in report:
@@ -29,9 +27,12 @@ def report_text(report: Mapping[str, Any], coverages: Sequence[Coverage]) -> str
         size = f"{entry['values']:,} values in {entry['tensors']} tensors, {_size(entry['bytes'])}"
         rows.append(_row(f"stored {dtype}", size))
     rows.append(_row("ops", f"{sum(graph['ops'].values())} nodes: {_counts(graph['ops'])}"))
-    if coverages:
+    if "providers" in report:
         rows += ["", f"execution providers (onnxruntime {ort.__version__})"]
-        rows += [_row(c.provider.removesuffix("ExecutionProvider"), _coverage(c)) for c in coverages]
+        for name, run in report["providers"].items():
+            rows.append(_row(name.removesuffix("ExecutionProvider"), _coverage(run)))
+            if run["agreement"]:
+                rows.append(_row("", _agreement(run["agreement"])))
     return "\n".join(rows)
 
 
@@ -67,15 +68,25 @@ def _contract_rows(contract: Mapping[str, Any], gflop: Mapping[str, float]) -> l
     return rows
 
 
-def _coverage(coverage: Coverage) -> str:
-    if coverage.error:
-        return f"can't run it: {coverage.error}"
-    if coverage.complete:
-        return f"runs every op ({sum(coverage.ran.values())} executed nodes)"
-    others = "; ".join(f"{name} runs {_counts(ops)}" for name, ops in coverage.elsewhere.items())
-    if not coverage.ran:
-        return f"runs no op; all is left to {', '.join(coverage.elsewhere) or 'nobody'}"
-    return f"runs {_counts(coverage.ran)}; {others}"
+def _coverage(run: Mapping[str, Any]) -> str:
+    if run["error"]:
+        return f"can't run it: {run['error']}"
+    if run["complete"]:
+        return f"runs every op ({sum(run['ran'].values())} executed nodes)"
+    others = "; ".join(f"{name} runs {_counts(ops)}" for name, ops in run["elsewhere"].items())
+    if not run["ran"]:
+        return f"runs no op; all is left to {', '.join(run['elsewhere']) or 'nobody'}"
+    return f"runs {_counts(run['ran'])}; {others}"
+
+
+def _agreement(found: Mapping[str, Any]) -> str:
+    text = (
+        f"{found['found']} keypoints, the CPU {found['reference']}; "
+        f"{found['same']:.1%} the same within 0.5 px, {found['near']:.1%} within 1 px"
+    )
+    if found["cosine"] is not None:
+        text += f"; cosine of their descriptors {found['cosine']:.5f}, at least {found['least_cosine']:.5f}"
+    return text if found["sufficient"] else f"WRONG: {text}"
 
 
 def _counts(ops: Mapping[str, int]) -> str:
