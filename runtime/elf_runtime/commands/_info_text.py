@@ -14,10 +14,22 @@ def report_text(report: Mapping[str, Any]) -> str:
     rows = [f"{report['file']}  ({_size(report['bytes'])})"]
     if "contract" in report:
         rows += _contract_rows(report["contract"], report["gflop_per_megapixel"])
-    graph = report["graph"]
+    rows += _graph_rows(report["graph"]) if report["graph"] else ["", "in ORT format: its graph is not listed"]
+    if "providers" in report:
+        rows += ["", f"execution providers (onnxruntime {ort.__version__})"]
+        for name, run in report["providers"].items():
+            rows.append(_row(name.removesuffix("ExecutionProvider"), _coverage(run)))
+            if run["agreement"]:
+                rows.append(_row("", _agreement(run["agreement"])))
+    if "ort" in report:
+        rows += ["", f"wrote {report['ort']}"]
+    return "\n".join(rows)
+
+
+def _graph_rows(graph: Mapping[str, Any]) -> list[str]:
     opsets = ", ".join(f"{domain} {version}" for domain, version in graph["opsets"].items())
     form = f"IR {graph['ir_version']}, opset {opsets}; {graph['producer']}".rstrip("; ")
-    rows += ["", "graph", _row("format", form)]
+    rows = ["", "graph", _row("format", form)]
     for kind in ("inputs", "outputs"):
         rows += [
             _row(kind[:-1], f"{name}  {tensor['dtype']} ({', '.join(map(str, tensor['dims']))})")
@@ -27,13 +39,7 @@ def report_text(report: Mapping[str, Any]) -> str:
         size = f"{entry['values']:,} values in {entry['tensors']} tensors, {_size(entry['bytes'])}"
         rows.append(_row(f"stored {dtype}", size))
     rows.append(_row("ops", f"{sum(graph['ops'].values())} nodes: {_counts(graph['ops'])}"))
-    if "providers" in report:
-        rows += ["", f"execution providers (onnxruntime {ort.__version__})"]
-        for name, run in report["providers"].items():
-            rows.append(_row(name.removesuffix("ExecutionProvider"), _coverage(run)))
-            if run["agreement"]:
-                rows.append(_row("", _agreement(run["agreement"])))
-    return "\n".join(rows)
+    return rows
 
 
 def _contract_rows(contract: Mapping[str, Any], gflop: Mapping[str, float]) -> list[str]:

@@ -20,7 +20,8 @@ from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError
 from elf_runtime.image import read
 from elf_runtime.onnx_file import OnnxFile, Tensor, read_onnx
-from elf_runtime.session import Provider, bundled_model, open_session, resolve_providers
+from elf_runtime.ort_format import is_ort_format, to_ort
+from elf_runtime.session import Provider, bundled_model, resolve_providers
 
 from . import _common
 from ._info_text import report_text
@@ -48,7 +49,7 @@ examples:
 
 def build_parser() -> argparse.ArgumentParser:
     parser = _common.new_parser("elf-info", DESCRIPTION, EPILOG)
-    parser.add_argument("model", nargs="?", metavar="MODEL", help="an .onnx file; default: the bundled model")
+    parser.add_argument("model", nargs="?", metavar="MODEL", help="an .onnx or .ort file; default: the bundled model")
     parser.add_argument(
         "--provider", metavar="NAME", help="measure this provider only; default: all installed"
     )
@@ -57,6 +58,11 @@ def build_parser() -> argparse.ArgumentParser:
         help="an option of that provider, as ONNX Runtime names it; may be repeated",
     )  # fmt: skip
     parser.add_argument("--image", metavar="FILE", help="compare the keypoints on this image")
+    parser.add_argument("--ort", metavar="FILE", help="write the model in ORT format (.ort) too")
+    parser.add_argument(
+        "--this-machine", action="store_true",
+        help="optimise that file for this processor's vectors: faster, and for such processors only",
+    )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print everything as JSON")
     return parser
 
@@ -68,14 +74,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _work(args: argparse.Namespace) -> int:
     if args.option and not args.provider:
         raise _common.UsageError("--option is for the provider that --provider names")
+    if args.this_machine and not args.ort:
+        raise _common.UsageError("--this-machine is for the file that --ort names")
     options = dict(map(_option, args.option))
     image = pattern() if args.image is None else read(args.image)
     path = Path(args.model) if args.model else bundled_model()
-    file = read_onnx(path)
-    report: dict[str, Any] = {"file": str(path), "bytes": path.stat().st_size, "graph": _graph(file)}
+    graph = None if is_ort_format(path) else _graph(read_onnx(path))
+    report: dict[str, Any] = {"file": str(path), "bytes": path.stat().st_size, "graph": graph}
     failures: list[object] = []
     try:
-        contract = _checked_contract(path, file)
+        contract = ElfRuntime(path).contract
         report |= {"schema": SCHEMA_VERSION, "contract": dataclasses.asdict(contract)}
         report["gflop_per_megapixel"] = gflop_per_megapixel(contract)
         asked: Provider | None = (args.provider, options) if options else args.provider
@@ -86,6 +94,9 @@ def _work(args: argparse.Namespace) -> int:
             failures += [reason for run in runs if (reason := _failure(run, path))]
     except ElfError as error:
         failures = [error]
+    if args.ort and not failures:
+        to_ort(path, args.ort, this_machine=args.this_machine)
+        report["ort"] = args.ort
     print(json.dumps(report, indent=2) if args.json else report_text(report))
     sys.stdout.flush()
     for reason in failures:
@@ -105,7 +116,7 @@ def _measured(
 ) -> dict[str, Any]:
     """What the provider ran of the model, and its keypoints against the CPU's."""
     coverage = measure(path, contract, provider)
-    run = {**dataclasses.asdict(coverage), "complete": coverage.complete, "agreement": None}
+    run: dict[str, Any] = {**dataclasses.asdict(coverage), "complete": coverage.complete, "agreement": None}
     if not coverage.error and coverage.provider != "CPUExecutionProvider":
         try:
             found = compare(ElfRuntime(path), ElfRuntime(path, providers=provider), image)
@@ -122,14 +133,6 @@ def _failure(run: Mapping[str, Any], path: Path) -> str:
         share = run["agreement"]["near"]
         return f"{run['provider']} computes {path} wrongly: {share:.0%} of the keypoints are where the CPU has them"
     return ""
-
-
-def _checked_contract(path: Path, file: OnnxFile) -> ModelContract:
-    """The contract, held against the tensors that the session has."""
-    contract = ModelContract.from_metadata(file.metadata, str(path))
-    session, name = open_session(path)
-    contract.check_tensors(session.get_inputs(), session.get_outputs(), name)
-    return contract
 
 
 def gflop_per_megapixel(contract: ModelContract) -> dict[str, float]:
