@@ -92,7 +92,7 @@ def _agreement(found: Mapping[str, Any]) -> str:
     )
     if found["cosine"] is not None:
         text += f"; cosine of their descriptors {found['cosine']:.5f}, at least {found['least_cosine']:.5f}"
-    return text if found["sufficient"] else f"WRONG: {text}"
+    return text if found["sufficient"] else f"DIFFERS: {text}"
 
 
 def _counts(ops: Mapping[str, int]) -> str:

@@ -91,7 +91,7 @@ def _work(args: argparse.Namespace) -> int:
         runs = [_measured(path, contract, provider, image) for provider in wanted]
         report["providers"] = {run["provider"]: run for run in runs}
         if asked:  # of all that are installed, one that does not start here is no failure of the model's
-            failures += [reason for run in runs if (reason := _failure(run, path))]
+            failures += filter(None, (_failure(run, path) for run in runs))
     except ElfError as error:
         failures = [error]
     if args.ort and not failures:
@@ -131,7 +131,7 @@ def _failure(run: Mapping[str, Any], path: Path) -> str:
         return f"{run['provider']} can't run {path}: {run['error']}"
     if run["agreement"] and not run["agreement"]["sufficient"]:
         share = run["agreement"]["near"]
-        return f"{run['provider']} computes {path} wrongly: {share:.0%} of the keypoints are where the CPU has them"
+        return f"{run['provider']} finds other keypoints in {path} than the CPU: {share:.0%} agree within 1 px"
     return ""
 
 
