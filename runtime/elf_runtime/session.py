@@ -98,7 +98,7 @@ def open_session(
         File prefix for ONNX Runtime's profile.
     dims : mapping, optional
         Values for the model's symbolic dimensions, e.g. ``{"H": 480, "W": 640}``: the session then takes that size
-        only, and ONNX Runtime plans and fuses for it.  A model in ORT format ignores them.
+        only, and ONNX Runtime fuses for it.  A model in ORT format ignores them.
     optimize : bool
         False opens a session in less than half the time, and memory, to check the model and look at its tensors.
 
@@ -126,7 +126,9 @@ def open_session(
     if not optimize:
         options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_DISABLE_ALL
         options.add_session_config_entry("session.disable_prepacking", "1")
-    options.enable_mem_pattern = bool(dims)  # otherwise it keeps a plan for every image size ever seen
+    # A plan for a size is made in its second run, beside the arena of the first: half as much memory again and no
+    # faster; and one would be kept for every image size ever seen.
+    options.enable_mem_pattern = False
     if profile is not None:
         options.enable_profiling = True
         options.profile_file_prefix = profile
