@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import onnxruntime as ort
 import pytest
 
 from elf_runtime import ElfRuntime, ModelError, engine
@@ -110,3 +111,11 @@ def test_a_graph_that_onnxruntime_refuses_is_refused_at_once() -> None:
     broken = TINY.read_bytes().replace(b"MaxPool", b"MaxPoox")
     with pytest.raises(ModelError, match="can't load it"):
         ElfRuntime(broken)
+
+
+@pytest.mark.skipif("CoreMLExecutionProvider" in ort.get_available_providers(), reason="CoreML is installed")
+def test_a_provider_that_is_missing_warns_once() -> None:
+    with pytest.warns(RuntimeWarning, match="CoreML") as caught:
+        elf = ElfRuntime(TINY, providers=["coreml", "cpu"], fallback=True)
+    assert len(caught) == 1
+    assert elf.providers == ["CPUExecutionProvider"]

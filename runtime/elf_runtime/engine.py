@@ -25,7 +25,7 @@ from .nms import greedy_nms
 from .ort_format import is_ort_format
 from .params import DetectionParams, preset
 from .refine import parabola_peaks
-from .session import Provider, bundled_model, open_session, resolve_providers
+from .session import Provider, bundled_model, open_session
 from .subgraph import with_outputs
 from .threshold import blurred, passing
 
@@ -118,7 +118,7 @@ class ElfRuntime:
         self._divisible = not is_ort_format(self._source)
         self._sizes = sizes if self._divisible else 0
         # A session to check the model only, where each size gets its own; another provider has to show that it starts.
-        provisional = self._sizes > 0 and resolve_providers(providers, fallback) == ["CPUExecutionProvider"]
+        provisional = self._sizes > 0 and providers in (None, "cpu", "CPUExecutionProvider")
         session, self._name = open_session(self._source, **self._options, optimize=not provisional)
         metadata = session.get_modelmeta().custom_metadata_map
         self.contract = ModelContract.from_metadata(metadata, self._name)
