@@ -43,6 +43,11 @@ def test_reports_every_stage_and_peer(tmp_path: Path, capsys: pytest.CaptureFixt
     text = capsys.readouterr().out
     for expected in (*STAGES, "OpenCV SIFT", "synthetic, seed 0", "import", "load", "64x96", "elf / sift"):
         assert expected in text
+    growth = text[text.index("per megapixel") :].splitlines()
+    first, last, ratio = (float(row.split()[-1]) for row in (growth[1], growth[2], growth[3]))
+    medians = [e["seconds"]["elf.post-processing"]["p50"] * 1e9 / (e["height"] * e["width"]) for e in report["sizes"]]
+    assert [first, last] == pytest.approx(medians, abs=0.051)
+    assert ratio == pytest.approx(medians[1] / medians[0], abs=0.0051)
 
 
 def test_json_on_standard_output_is_alone_there(capsys: pytest.CaptureFixture[str]) -> None:

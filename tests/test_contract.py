@@ -16,6 +16,7 @@ from elf_runtime import (
     SettingError,
     WeightsSpec,
 )
+from elf_runtime.contract import ReductionSpec
 
 CONTRACT = ModelContract(
     network="vgg",
@@ -52,6 +53,27 @@ def test_what_is_written_is_read_back() -> None:
 def test_keys_of_others_and_of_later_versions_are_left_alone() -> None:
     metadata = CONTRACT.to_metadata() | {"author": "me", "elf.future": "1"}
     assert ModelContract.from_metadata(metadata, "a.onnx") == CONTRACT
+
+
+def test_a_reduction_is_recorded_and_may_be_absent() -> None:
+    reduction = ReductionSpec("pca", 256, 0.75, 0.99, "the exporter's photographs", "cd" * 32)
+    spec = DescriptorSpec("descriptors_conv3_3", "conv3_3", 128, 4.0, 1.5, reduction)
+    metadata = replace(CONTRACT, descriptors=(spec,)).to_metadata()
+    assert ModelContract.from_metadata(metadata, "a.onnx").descriptors == (spec,)
+    (stated,) = json.loads(metadata["elf.descriptors"])
+    # As a file of an earlier version has it, and as one of a later version may.
+    later = {**stated, "reduction": {**stated["reduction"], "future": 1}, "future": 1}
+    assert read_descriptors(later) == spec
+    del stated["reduction"]
+    assert read_descriptors(stated) == replace(spec, reduction=None)
+    for wrong in (7, {"method": 7}, {"source_dim": "many"}):
+        with pytest.raises(ContractError, match=r"'elf\.descriptors' is unreadable"):
+            read_descriptors({**stated, "reduction": wrong})
+
+
+def read_descriptors(stated: dict[str, object]) -> DescriptorSpec:
+    metadata = CONTRACT.to_metadata() | {"elf.descriptors": json.dumps([stated])}
+    return ModelContract.from_metadata(metadata, "a.onnx").descriptors[0]
 
 
 def test_a_model_without_contract_is_told_how_to_get_one() -> None:

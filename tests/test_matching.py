@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -25,12 +27,33 @@ def plain(a: np.ndarray, b: np.ndarray, ratio: float | None) -> list[list[int]]:
     return pairs
 
 
+@pytest.mark.parametrize("band", [512, 7])
 @pytest.mark.parametrize("ratio", [None, 0.8, 0.95])
-@pytest.mark.parametrize(("n", "m"), [(1, 1), (1, 7), (30, 20), (40, 41)])
-def test_equals_the_plain_loop(n: int, m: int, ratio: float | None) -> None:
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (1, 7), (7, 1), (30, 20), (40, 41), (42, 36)])
+def test_equals_the_plain_loop(
+    n: int, m: int, ratio: float | None, band: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("elf_runtime.matching._BAND", band)
     a, b = unit(n, 16, 1), unit(m, 16, 2)
     b[: min(n, m) // 2] = normalize_rows(a[: min(n, m) // 2] + 0.1 * b[: min(n, m) // 2])
     assert match(a, b, ratio).tolist() == plain(a, b, ratio)
+
+
+@pytest.mark.parametrize("band", [512, 2])
+def test_ties_go_to_the_lower_index(band: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("elf_runtime.matching._BAND", band)
+    x, y, z = np.eye(3, dtype=np.float32)
+    assert match(np.stack([z, x, x, y, x, y]), np.stack([y, x, y, y, x])).tolist() == [[1, 1], [3, 0]]
+
+
+def test_the_table_of_all_products_is_never_whole_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("elf_runtime.matching._BAND", 64)
+    a, b = unit(3000, 8, 1), unit(3000, 8, 2)
+    tracemalloc.start()
+    match(a, b, ratio=0.9)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 3000 * 3000 * 4 / 3
 
 
 def test_features_and_empty_sides() -> None:

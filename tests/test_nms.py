@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from elf_runtime import nms
 from elf_runtime.nms import greedy_nms
 
 Array = npt.NDArray[np.float32]
@@ -27,21 +29,41 @@ def plain_loop(scores: Array, mask: npt.NDArray[np.bool_], radius: int) -> list[
     return taken
 
 
-def check(scores: Array, mask: npt.NDArray[np.bool_], radius: int) -> None:
-    points, values = greedy_nms(scores, mask, radius)
-    assert [tuple(p) for p in points.tolist()] == plain_loop(scores, mask, radius)
+def check(scores: Array, mask: npt.NDArray[np.bool_], radius: int, limit: int | None = None) -> None:
+    points, values = greedy_nms(scores, mask, radius, limit)
+    assert [tuple(p) for p in points.tolist()] == plain_loop(scores, mask, radius)[:limit]
     assert values.tolist() == [scores[y, x] for x, y in points]
+    assert points.dtype == np.int64
+    assert values.dtype == scores.dtype
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=300, deadline=None)
 @given(
     st.integers(0, 2**32 - 1), st.integers(1, 40), st.integers(1, 40), st.integers(0, 6),
-    st.sampled_from([2, 5, 50, 0]), st.floats(0.05, 1.0),
+    st.sampled_from([2, 5, 50, 0]), st.floats(0.0, 1.0), st.none() | st.integers(0, 60),
+    st.sampled_from([1, 64, 10**9]), st.sampled_from([1, 1 << 20]),
 )  # fmt: skip
-def test_equals_the_plain_loop(seed: int, h: int, w: int, radius: int, levels: int, density: float) -> None:
+def test_equals_the_plain_loop(
+    seed: int, h: int, w: int, radius: int, levels: int, density: float, limit: int | None, dense: int, block: int
+) -> None:
+    """Whatever the ties and the limit, by dilations or around single candidates, in one piece or many."""
     rng = np.random.default_rng(seed)
     raw = rng.random((h, w)) if levels == 0 else rng.integers(0, levels, (h, w))  # few levels: many ties
-    check(raw.astype(np.float32), rng.random((h, w)) < density, radius)
+    mask = rng.random((h, w)) < density
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("elf_runtime.nms._DENSE", dense)
+        patch.setattr("elf_runtime.nms._BLOCK", block)
+        check(raw.astype(np.float32), mask, radius, limit)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(1, 7), st.none() | st.integers(0, 60))
+def test_smooth_maps_with_plateaus(seed: int, radius: int, levels: int, limit: int | None) -> None:
+    """As a blurred 8-bit map is: hills whose tops are cut off."""
+    raw = np.random.default_rng(seed).random((40, 50)).astype(np.float32)
+    hills = cv2.normalize(cv2.GaussianBlur(raw, (9, 9), 2.0), None, 0.0, levels, cv2.NORM_MINMAX)
+    scores = np.floor(hills)
+    check(scores, scores > 0, radius, limit)
 
 
 @pytest.mark.parametrize("radius", [0, 1, 3, 10])
@@ -52,11 +74,28 @@ def test_plateaus_ramps_and_stripes(radius: int) -> None:
         check(scores.astype(np.float32), everywhere, radius)
 
 
-def test_large_plateaus_take_the_sorting_path(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("elf_runtime.nms._MOST_TIE_CHECKS", 1000)
+@pytest.mark.parametrize("limit", [None, 40])
+def test_large_plateaus_are_numbered(monkeypatch: pytest.MonkeyPatch, limit: int | None) -> None:
+    calls = []
+    numbered = nms._numbered
+    monkeypatch.setattr(nms, "_numbered", lambda *given: calls.append(1) or numbered(*given))
     rng = np.random.default_rng(0)
-    check(np.ones((40, 50), np.float32), rng.random((40, 50)) < 0.9, 3)
-    check(rng.integers(0, 4, (60, 50)).astype(np.float32), np.ones((60, 50), np.bool_), 2)
+    check(np.ones((40, 50), np.float32), rng.random((40, 50)) < 0.9, 3, limit)
+    check(rng.integers(0, 4, (60, 50)).astype(np.float32), np.ones((60, 50), np.bool_), 2, limit)
+    assert len(calls) == 2
+    check(rng.random((60, 50)).astype(np.float32), np.ones((60, 50), np.bool_), 2, limit)
+    assert len(calls) == 2
+
+
+@pytest.mark.parametrize("radius", [0, 1, 2, 5])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 50), (50, 1), (7, 7), (23, 31)])
+def test_distinct_scores_are_never_numbered(
+    monkeypatch: pytest.MonkeyPatch, shape: tuple[int, int], radius: int
+) -> None:
+    monkeypatch.delattr(nms, "_numbered")
+    lattice = -(np.arange(shape[0])[:, None] % (radius + 1) + np.arange(shape[1]) % (radius + 1)) * 10.0**6
+    distinct = lattice + np.arange(lattice.size).reshape(shape)  # as many peaks as can be
+    check(distinct, np.ones(shape, np.bool_), radius)
 
 
 def test_a_tie_goes_to_raster_order_and_its_loser_may_win_elsewhere() -> None:
@@ -90,7 +129,16 @@ def test_an_equal_candidate_that_is_no_peak_itself_goes_first() -> None:
     check(np.array([[0, 1, 0, 0], [1, 1, 0, 0]], np.float32), np.ones((2, 4), np.bool_), 1)
 
 
-def test_nothing_in_nothing_out() -> None:
-    points, values = greedy_nms(np.zeros((8, 8), np.float32), np.zeros((8, 8), np.bool_), 2)
+def test_scores_at_the_limit_are_kept_in_raster_order() -> None:
+    scores = np.zeros((3, 40), np.float32)
+    scores[2, [5, 15, 25]] = 2.0
+    scores[0, 35] = 2.0
+    scores[1, 20] = 1.0
+    check(scores, scores > 0, 3, limit=3)
+
+
+@pytest.mark.parametrize("limit", [None, 0, 5])
+def test_nothing_in_nothing_out(limit: int | None) -> None:
+    points, values = greedy_nms(np.zeros((8, 8), np.float32), np.zeros((8, 8), np.bool_), 2, limit)
     assert points.shape == (0, 2)
     assert values.shape == (0,)

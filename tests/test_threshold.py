@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elf_runtime import DetectionParams
-from elf_runtime.threshold import kapur, normalized, quantile, scores_and_mask
+from elf_runtime.threshold import kapur, normalized, passing, quantile, scores_and_mask
 
 
 def brute_force_kapur(counts: list[int]) -> tuple[int, dict[int, float]]:
@@ -117,3 +117,14 @@ def test_the_quantile(q: float, size: int) -> None:
     assert found in values
     assert (values <= found).mean() >= q
     assert (values < found).mean() < q
+
+
+@pytest.mark.parametrize("threshold", ["kapur", "none", 0.0, 0.3])
+@pytest.mark.parametrize("smooth", [np.uint8, np.float32])
+def test_neither_zero_nor_nan_passes(threshold: str | float, smooth: type) -> None:
+    scores = np.full((20, 30), 200, np.float32)
+    scores[0], scores[1], scores[2:12] = 0.0, np.nan, 10.0
+    levels = np.nan_to_num(scores).astype(smooth)
+    mask = passing(scores, levels, DetectionParams(threshold=threshold))
+    assert not mask[:2].any()
+    assert mask[12:].all()

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .foreign.load import load_model
     from .output import ExportResult
     from .preprocessing import Preprocessing
+    from .projection import Reduction
     from .saliency import build_gradient, build_saliency
 
 __all__ = [
@@ -30,6 +31,7 @@ __all__ = [
     "ExportResult",
     "LayerError",
     "Preprocessing",
+    "Reduction",
     "UnsupportedGraphError",
     "UnsupportedNode",
     "VerificationError",
@@ -44,6 +46,7 @@ __all__ = [
 _HOMES = {
     "ExportResult": "output",
     "Preprocessing": "preprocessing",
+    "Reduction": "projection",
     "build_gradient": "saliency",
     "build_saliency": "saliency",
     "export_network": "export",

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from .errors import ExportError
-from .options import check, layers_of, parser, preprocessing_of
+from .options import check, layers_of, parser, preprocessing_of, reduction_of
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -38,6 +38,8 @@ def _export(args: argparse.Namespace) -> None:
         result = export_onnx(
             args.onnx, args.layer, layers_of(args.desc) or [], args.output, image_input=args.input,
             preprocessing=preprocessing_of(args), opset=args.opset, force=args.force, log=print,
+            reduction=reduction_of(args), calibration=args.calibration, precision=args.precision,
+            detection=dict(args.set),
         )  # fmt: skip
     else:
         from .export import export_network
@@ -47,6 +49,8 @@ def _export(args: argparse.Namespace) -> None:
             args.net, args.layer, layers_of(args.desc), args.output, weights=args.weights,
             opset=args.opset or DEFAULT_OPSET, force=args.force, offline=args.offline,
             preprocessing=args.preprocess or "paper", desc_weights=args.desc_weights, log=print,
+            reduction=reduction_of(args), calibration=args.calibration, precision=args.precision,
+            detection=dict(args.set),
         )  # fmt: skip
     size = result.path.stat().st_size / 1e6
     print(f"wrote {result.path} ({size:.1f} MB): {result.contract.network} {result.contract.layer}, descriptors "

@@ -8,17 +8,30 @@ import shlex
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Literal
 
-from elf_runtime import DetectionParams, InputSpec, ModelContract, WeightsSpec
+import numpy as np
+from numpy.typing import NDArray
+
+from elf_runtime import InputSpec, ModelContract, WeightsSpec
+from elf_runtime.contract import ReductionSpec
 
 from . import verify
+from .calibration import calibration_set
 from .describe import attach, by_network, label
+from .detection import Wanted, chosen
+from .detection import arguments as detection_arguments
 from .errors import ExportError
 from .forward import DEFAULT_OPSET, NETWORK_INPUT, torch_to_onnx
 from .networks import get_network
 from .output import ExportResult, check_opset, check_output, cost_of, descriptor_specs, versions, write
+from .precision import lower
 from .preprocessing import Preprocessing
+from .projection import Reduction
 from .receptive_field import receptive_fields
+from .reduce import arguments as reduction_arguments
+from .reduce import reduce_descriptors
 from .saliency import build_saliency
+from .verify_projection import MapCheck
+from .verify_projection import parity as map_parity
 from .weights.load import Weights, load_weights
 
 if TYPE_CHECKING:
@@ -37,9 +50,12 @@ def export_network(
     opset: int = DEFAULT_OPSET,
     force: bool = False,
     offline: bool = False,
-    detection: DetectionParams | None = None,
+    detection: Wanted = None,
     preprocessing: Preprocessing | Literal["paper", "own"] = "paper",
     desc_weights: str | os.PathLike[str] | None = None,
+    reduction: Reduction | None = None,
+    calibration: str | os.PathLike[str] | None = None,
+    precision: str = "fp32",
     log: Callable[[str], None] = lambda _: None,
 ) -> ExportResult:
     """Export a named network as an ELF model.
@@ -57,12 +73,18 @@ def export_network(
         See `elf_export.weights.load.load_weights`.
     force : bool
         Overwrite an existing file.
-    detection : DetectionParams, optional
-        The settings that the runtime uses where the caller gives none; the network's by default.
+    detection : DetectionParams or dict, optional
+        The settings that the runtime uses where the caller gives none, or what to change of the network's own.
     preprocessing : "paper", "own" or Preprocessing
         For the detector: the paper's standardisation, what the network was trained with, or any other.
     desc_weights : path, optional
         Weights of the other network that describes, as `weights`.
+    reduction : Reduction, optional
+        Fewer values a descriptor, in every descriptor layer; the layers' channels as they are by default.
+    calibration : path, optional
+        Folder of images that reduction and precision are fitted to; the exporter's photographs by default.
+    precision : "fp32", "fp16", "bf16" or "int8"
+        See `elf_export.precision.lower`.
 
     Returns
     -------
@@ -75,6 +97,7 @@ def export_network(
         with torch.autograd; no file is left behind.
     """
     network = get_network(name)
+    params = chosen(network.detection, detection)
     layer = layer or network.default_layer
     wanted = list(dict.fromkeys(network.default_descriptors if descriptors is None else descriptors))
     described = by_network(name, wanted)
@@ -99,51 +122,73 @@ def export_network(
     module = network.build(loaded.tensors, layers)
     forward = torch_to_onnx(module, layers, settings.channels, opset)
     model = build_saliency(
-        forward, layer, own, NETWORK_INPUT, settings, differentiate=network.gradient, color=color
-    )
+        forward, layer, own, NETWORK_INPUT, settings, differentiate=network.gradient, color=color,
+        channels_last=precision == "int8",
+    )  # fmt: skip
     fields = receptive_fields(forward, NETWORK_INPUT)
     smallest, provenance = least_size(module, settings.channels), [loaded]
+    references = {name: (module, layers, settings)}
     for other, its_layers in described.items():
         other_network = others[other]
         its_weights = load_weights(other_network, its_layers, desc_weights, offline, log)
         its_module = other_network.build(its_weights.tensors, its_layers)
         its_forward = torch_to_onnx(its_module, its_layers, other_network.preprocessing.channels, opset)
         model = attach(model, its_forward, other, its_layers, other_network.preprocessing, color)
+        references[other] = (its_module, its_layers, other_network.preprocessing)
         its_fields = receptive_fields(its_forward, NETWORK_INPUT)
         fields |= {label(other, its_layer, name): its_fields[its_layer] for its_layer in its_layers}
         smallest = max(smallest, least_size(its_module, other_network.preprocessing.channels))
         provenance.append(its_weights)
 
-    from .reference import torch_saliency
+    from .reference import torch_maps, torch_saliency
 
     def reference(dtype: str) -> verify.Reference:
         return torch_saliency(copy.deepcopy(module), settings, dtype, network.gradient, color)
 
-    detection, channels = detection or network.detection, 1 if color == "gray" else 3
-    checks = verify.verify(model, reference("float64"), channels, detection, reference("float32"))
-    verify.require(checks)
-    log(verify.table(checks))
+    def maps(pixels: verify.Array) -> dict[str, NDArray[np.floating]]:
+        found: dict[str, NDArray[np.floating]] = {}
+        for other, (its_module, its_layers, its_settings) in references.items():
+            own_maps = torch_maps(copy.deepcopy(its_module), its_layers, its_settings, color)(pixels)
+            found |= {label(other, its_layer, name): value for its_layer, value in own_maps.items()}
+        return found
 
+    channels = 1 if color == "gray" else 3
     labels = [f"{other}:{its}" for other in described for its in described[other]]
     # In the order that was asked for: the first describes by default.
     labels = sorted([*own, *labels], key=[w.removeprefix(f"{name}:") for w in wanted].index)
+    spec = InputSpec(color=color, channels=channels, min_size=smallest)
+    reductions: dict[str, ReductionSpec] = {}
+    map_checks: list[MapCheck] = []
+    if reduction is not None:
+        model, reductions, map_checks = reduce_descriptors(
+            model, labels, reduction, calibration, spec, params.scale, maps, log
+        )
+    checks = verify.verify(model, reference("float64"), channels, params, reference("float32"))
+    verify.require(checks)
+    log(verify.table(checks))
+
     arguments = ["elf-export", "--net", name, "--layer", layer, "--desc", ",".join(labels) or "none"]
     if preprocessing == "own":
         arguments += ["--preprocess", "own"]
+    arguments += reduction_arguments(reduction)
+    arguments += detection_arguments(network.detection, params)
+    arguments += ["--precision", precision] if precision != "fp32" else []
+    arguments += ["--calibration", os.fspath(calibration)] if calibration is not None else []
     contract = ModelContract(
         network=name,
         layer=layer,
         stride=fields[layer].stride,
-        input=InputSpec(color=color, channels=channels, min_size=smallest),
-        descriptors=descriptor_specs(model, labels, fields),
-        detection=detection,
+        input=spec,
+        descriptors=descriptor_specs(model, labels, fields, reductions),
+        detection=params,
         preprocessing=settings.describe(),
         weights=joined(provenance),
-        parity=verify.parity(checks),
+        parity=verify.parity(checks) | map_parity(map_checks),
         cost=cost_of(model, labels),
         versions=versions(opset),
         command=shlex.join(arguments),
     )
+    model, contract = lower(model, contract, precision, calibration_set(calibration), log)
     write(model, contract, path)
     return ExportResult(path, contract, checks)
 

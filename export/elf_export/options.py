@@ -5,15 +5,18 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .preprocessing import Preprocessing
+    from .projection import Reduction
 
 EPILOG = """\
 examples:
   elf-export --net vgg --layer pool2                     the paper's detector, described by pool4
   elf-export --net vgg --layer pool1 --desc pool3        a cheaper one
+  elf-export --net vgg --layer pool1 --desc conv3_3 --desc-dim 128
+                                                         described by 128 principal components
   elf-export --net vgg --layer pool2 --desc none         saliency and keypoints only
   elf-export --net superpoint --desc vgg:pool3 --weights superpoint_v1.pth
                                                          SuperPoint detects, VGG describes
@@ -23,6 +26,7 @@ examples:
                                                          an ELF model from it; needs no PyTorch
 """
 
+PRECISIONS = ("fp32", "fp16", "bf16", "int8")
 ONLY_WITH_NET = ("weights", "offline", "preprocess", "desc_weights")
 ONLY_WITH_ONNX = ("input", "color", "mean", "std", "scale", "standardize")
 
@@ -44,6 +48,38 @@ def parser() -> argparse.ArgumentParser:
         help="layers that describe the keypoints, the first being the default; with --net, NET:LAYER takes another "
         "network's (--net: the paper's)",
     )  # fmt: skip
+    p.add_argument(
+        "--desc-dim", type=int, metavar="D",
+        help="values of a descriptor: each layer of --desc is projected to so many inside the graph (default: its "
+        "channels as they are)",
+    )  # fmt: skip
+    p.add_argument(
+        "--desc-reduce", choices=("pca", "channels"),
+        help="how --desc-dim projects: to the principal components of the layer's channels over the calibration "
+        "images (pca, the default), or to the channels that vary most",
+    )  # fmt: skip
+    p.add_argument(
+        "--whiten",
+        type=float,
+        metavar="A",
+        help="with pca: divide each component by its variance to the power of A / 2; 0, not at all, to 1 (default: "
+        "0.75)",
+    )
+    p.add_argument(
+        "--calibration",
+        metavar="FOLDER",
+        help="images that --desc-dim and --precision are fitted to (default: photographs that come with the exporter)",
+    )
+    p.add_argument(
+        "--precision", choices=PRECISIONS, default="fp32",
+        help="int8: convolutions in 8-bit integers, for CPUs; fp16: for GPUs; bf16: weights stored in half the bytes. "
+        "What it changes against fp32 is printed",
+    )  # fmt: skip
+    p.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", type=setting,
+        help="a detection setting that the file carries as its default, such as scale=0.5 or denoise=5,1.2; may be "
+        "given several times",
+    )  # fmt: skip
     p.add_argument("--output", "-o", metavar="FILE", help="default: elf-NET-LAYER.onnx")
     p.add_argument("--opset", type=int, metavar="N", help="ONNX opset of the file, 11 to 20 (default: 17; with "
                    "--onnx the model's own, if it is one of these)")  # fmt: skip
@@ -57,7 +93,9 @@ def parser() -> argparse.ArgumentParser:
         help="trained weights: .pth, .h5, .keras, .safetensors, .npz or .onnx (default: the published ones, from "
         "the cache, the bundled model, the publisher or a package index)",
     )  # fmt: skip
-    net.add_argument("--desc-weights", metavar="FILE", help="weights of the other network of --desc NET:LAYER")
+    net.add_argument(
+        "--desc-weights", metavar="FILE", help="weights of the other network of --desc NET:LAYER"
+    )
     net.add_argument(
         "--preprocess", choices=("paper", "own"),
         help="what the detector is fed: each image standardised (paper, the default), or what it was trained with",
@@ -122,6 +160,19 @@ def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
             fail(f"--{name} has {len(getattr(args, name))} numbers, --color gray has one channel")
     if args.std is not None and min(map(abs, args.std)) == 0:
         fail("--std has a zero, by which the pixels would be divided")
+    for name in ("desc_reduce", "whiten"):
+        if given(name) and args.desc_dim is None:
+            fail(f"--{name.replace('_', '-')} goes with --desc-dim only")
+    if args.calibration is not None and args.desc_dim is None and args.precision == "fp32":
+        fail("--calibration goes with --desc-dim or --precision only")
+    if args.desc_dim is not None and args.desc == "none":
+        fail("--desc none leaves no descriptor for --desc-dim to project")
+    if args.desc_dim is not None and args.desc_dim < 1:
+        fail(f"--desc-dim is 1 or more, not {args.desc_dim}")
+    if args.whiten is not None and not 0.0 <= args.whiten <= 1.0:
+        fail(f"--whiten is a number from 0 to 1, not {args.whiten:g}")
+    if args.whiten and args.desc_reduce == "channels":
+        fail("--whiten divides principal components; it goes with --desc-reduce pca only")
     if args.list:
         return
     if args.net is None and args.onnx is None:
@@ -147,6 +198,37 @@ def preprocessing_of(args: argparse.Namespace) -> Preprocessing | None:
         mean=args.mean or (0.0,),
         std=args.std or (1.0,),
     )
+
+
+def reduction_of(args: argparse.Namespace) -> Reduction | None:
+    """What --desc-dim, --desc-reduce and --whiten say; None without --desc-dim."""
+    from .projection import Reduction
+
+    if args.desc_dim is None:
+        return None
+    return Reduction(args.desc_dim, args.desc_reduce or "pca", args.whiten)
+
+
+def setting(text: str) -> tuple[str, Any]:
+    """A detection setting: "scale=0.5", "denoise=5,1.2", "subpixel=true"."""
+    name, equals, value = text.partition("=")
+    parts = [_plain(part) for part in value.split(",")]
+    if not equals or not name or "" in parts:
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE")
+    return name.strip(), parts[0] if len(parts) == 1 else tuple(parts)
+
+
+def _plain(text: str) -> Any:
+    """A number, true or false, or the text itself."""
+    text = text.strip()
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text
 
 
 def layers_of(text: str | None) -> list[str] | None:

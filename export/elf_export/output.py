@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,6 +12,7 @@ import onnx
 
 import elf_runtime
 from elf_runtime import DescriptorSpec, ModelContract
+from elf_runtime.contract import ReductionSpec
 
 from . import verify
 from .cost import macs_per_pixel, parameters
@@ -49,9 +50,12 @@ def check_output(output: str | os.PathLike[str], force: bool) -> Path:
 
 
 def descriptor_specs(
-    model: onnx.ModelProto, layers: Sequence[str], fields: dict[str, Field]
+    model: onnx.ModelProto,
+    layers: Sequence[str],
+    fields: Mapping[str, Field],
+    reductions: Mapping[str, ReductionSpec] | None = None,
 ) -> tuple[DescriptorSpec, ...]:
-    """Output, dimension and geometry of each descriptor layer."""
+    """Output, dimension, geometry and reduction, if any, of each descriptor layer."""
     dims = {value.name: value.type.tensor_type.shape.dim[-1].dim_value for value in model.graph.output}
     return tuple(
         DescriptorSpec(
@@ -60,6 +64,7 @@ def descriptor_specs(
             dims[descriptor_output(name)],
             fields[name].stride,
             fields[name].offset,
+            (reductions or {}).get(name),
         )
         for name in layers
     )
@@ -93,14 +98,21 @@ def versions(opset: int) -> dict[str, str]:
     return found | {"torch": torch.__version__}
 
 
-def write(model: onnx.ModelProto, contract: ModelContract, path: Path) -> None:
-    """Stamp the contract on the model and put the file in place in one step."""
+def stamped(model: onnx.ModelProto, contract: ModelContract) -> bytes:
+    """The file's bytes: the model with the contract on it."""
     model.producer_name = "elf-onnx"
     model.producer_version = elf_runtime.__version__
     stamp(model, contract.to_metadata())
+    data: bytes = model.SerializeToString(deterministic=True)
+    return data
+
+
+def write(model: onnx.ModelProto, contract: ModelContract, path: Path) -> None:
+    """Put the model with its contract in place in one step."""
+    data = stamped(model, contract)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        part.write_bytes(model.SerializeToString(deterministic=True))
+        part.write_bytes(data)
         os.replace(part, path)
     except OSError as error:
         raise ExportError(f"{path}: {error.strerror or error}") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     import torch
 
     from .verify import Array, Reference
+    from .verify_projection import Maps
 
 
 def preprocess(
@@ -60,3 +62,22 @@ def torch_saliency(
         return np.asarray(gradient.abs().mean(1).double().numpy())
 
     return saliency
+
+
+def torch_maps(
+    module: torch.nn.Module, layers: Sequence[str], settings: Preprocessing, color: str | None = None
+) -> Maps:
+    """``f(pixels)``: the maps that a module's forward returns, by the names in `layers`, in float64, channels last.
+
+    The module is converted to float64 in place.
+    """
+    import torch
+
+    module = module.double()
+
+    def maps(pixels: Array) -> dict[str, npt.NDArray[np.float64]]:
+        with torch.no_grad():
+            found = module(torch.from_numpy(preprocess(pixels, settings, color)))
+        return {name: one.permute(0, 2, 3, 1).numpy() for name, one in zip(layers, found, strict=True)}
+
+    return maps

@@ -13,7 +13,7 @@ from .adjoint import build_adjoint
 from .errors import LayerError
 from .graph import Graph, reduce_mean
 from .layout import axes_of, image_layout
-from .passes import compose_convs, cut, fold_batchnorm, fold_constants
+from .passes import compose_convs, cut, fold_batchnorm, fold_constants, share_row_maxima
 from .preprocessing import Preprocessing, prepend
 
 IMAGE, SALIENCY, GRADIENT = "image", "saliency", "gradient"
@@ -31,6 +31,7 @@ def build_saliency(
     seed: Seed = None,
     differentiate: bool = True,
     color: str | None = None,
+    channels_last: bool = False,
 ) -> onnx.ModelProto:
     """A model whose outputs are S(I) = |seed^T dF/dI|, averaged over I's channels, and descriptor maps.
 
@@ -56,6 +57,8 @@ def build_saliency(
         False takes F itself for the gradient: a saliency map that the model computes already.
     color : "bgr", "rgb" or "gray", optional
         Colour order of the raw pixels, if it is not that of `preprocessing`.
+    channels_last : bool
+        Build max-pooling's adjoint in the form that suits 8-bit convolutions; the values are the same.
 
     Returns
     -------
@@ -69,13 +72,16 @@ def build_saliency(
     UnsupportedGraphError
         If a node on the way has no adjoint; all of them are listed.
     """
-    graph, image, gradient = _differentiated(model, layer, descriptors, image_input, seed, differentiate)
+    graph, image, gradient = _differentiated(
+        model, layer, descriptors, image_input, seed, differentiate, channels_last
+    )
     layout = image_layout(graph, image)
     magnitude = graph.op("Abs", gradient, name="saliency/abs")
     reduce_mean(graph, magnitude, layout.index("C"), "saliency/mean", keepdims=0, output=SALIENCY)
     outputs = [helper.make_tensor_value_info(SALIENCY, graph.elem_type(image), ["N", "H", "W"])]
     outputs += _descriptor_outputs(graph, descriptors, axes_of(graph, image, layout))
-    graph = Graph(compose_convs(_with_outputs(graph, outputs), keep=[value.name for value in outputs]))
+    composed = compose_convs(_with_outputs(graph, outputs), keep=[value.name for value in outputs])
+    graph = Graph(share_row_maxima(composed))
     if preprocessing is not None:
         prepend(graph, image, preprocessing, IMAGE, color, layout)
     return _finished(graph, outputs)
@@ -104,6 +110,7 @@ def _differentiated(
     image_input: str | None,
     seed: Seed,
     differentiate: bool,
+    channels_last: bool = False,
 ) -> tuple[Graph, str, str]:
     """The trunk of `model` with the adjoint appended, the image's name and the gradient's."""
     wanted = list(dict.fromkeys([layer, *descriptors]))
@@ -116,7 +123,7 @@ def _differentiated(
     image = image_input or only_image_input(graph)
     if not differentiate:
         return graph, image, layer
-    return graph, image, build_adjoint(graph, layer, image, _seed_value(graph, layer, seed))
+    return graph, image, build_adjoint(graph, layer, image, _seed_value(graph, layer, seed), channels_last)
 
 
 def _seed_value(graph: Graph, layer: str, seed: Seed) -> str | None:

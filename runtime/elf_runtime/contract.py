@@ -56,7 +56,9 @@ class InputSpec:
         if self.color not in ("bgr", "rgb", "gray"):
             raise ValueError(f"color {self.color!r} is not one of bgr, rgb, gray")
         if self.layout != "NHWC" or self.dtype != "float32":
-            raise ValueError(f"layout {self.layout!r} with dtype {self.dtype!r}; only NHWC float32 is defined")
+            raise ValueError(
+                f"layout {self.layout!r} with dtype {self.dtype!r}; only NHWC float32 is defined"
+            )
         if self.channels != (1 if self.color == "gray" else 3):
             raise ValueError(f"{self.channels} channels do not fit color {self.color!r}")
         if self.height < 0 or self.width < 0 or self.batch not in (0, 1) or self.multiple < 1:
@@ -89,11 +91,38 @@ class InputSpec:
 
 
 @dataclass(frozen=True)
+class ReductionSpec:
+    """How a layer's channels became a descriptor of fewer values; the graph does it, this is a record.
+
+    Attributes
+    ----------
+    method : str
+        "pca" or "channels".
+    source_dim : int
+        Channels of the layer.
+    whiten : float
+        Principal components were divided by their variance to the power of whiten / 2.
+    kept : float
+        Share of the channels' variance over the calibration set that is left, before whitening.
+    calibration, sha256 : str
+        The images that it was fitted to, and a hash over their files.
+    """
+
+    method: str = ""
+    source_dim: int = 0
+    whiten: float = 0.0
+    kept: float = 1.0
+    calibration: str = ""
+    sha256: str = ""
+
+
+@dataclass(frozen=True)
 class DescriptorSpec:
     """One descriptor map and where its cells lie in the image.
 
     The centre of cell ``i`` lies at pixel ``offset + i * stride`` (integer = pixel centre), for x and y
     alike: the network's true geometry, from the strides, kernels and pads on the way to the layer.
+    `reduction` is None where the map is the layer itself.
     """
 
     output: str
@@ -101,6 +130,7 @@ class DescriptorSpec:
     dim: int
     stride: float
     offset: float
+    reduction: ReductionSpec | None = None
 
     def check(self) -> None:
         if self.dim < 1 or self.stride <= 0:
@@ -181,7 +211,9 @@ class ModelContract:
                 f"{file}: not an ELF model: its metadata has no {key!r}. Any CNN can be made one: "
                 f"elf-export --onnx {file} --layer NAME (elf-export --onnx {file} --list shows the layers)"
             )
-        again = metadata.get(KEY_PREFIX + "command", "").strip('"') or "elf-export --net NETWORK --layer LAYER"
+        again = (
+            metadata.get(KEY_PREFIX + "command", "").strip('"') or "elf-export --net NETWORK --layer LAYER"
+        )
         hint = f"This runtime reads schema {SCHEMA_VERSION}. Export it again: {again}"
         if metadata[key] != str(SCHEMA_VERSION):
             raise ContractError(f"{file}: metadata key {key!r} is {metadata[key]}. {hint}")
@@ -194,8 +226,12 @@ class ModelContract:
             try:
                 values[name] = _decode(name, json.loads(text))
             except (ValueError, TypeError, KeyError, AttributeError, SettingError) as error:
-                raise ContractError(f"{file}: metadata key 'elf.{name}' is unreadable: {error}. {hint}") from error
-        missing = [name for name in ("network", "layer", "stride", "input", "descriptors") if name not in values]
+                raise ContractError(
+                    f"{file}: metadata key 'elf.{name}' is unreadable: {error}. {hint}"
+                ) from error
+        missing = [
+            name for name in ("network", "layer", "stride", "input", "descriptors") if name not in values
+        ]
         if missing:
             raise ContractError(f"{file}: metadata key 'elf.{missing[0]}' is missing. {hint}")
         return cls(**values)
@@ -211,7 +247,9 @@ class ModelContract:
         hint = f"Export it again: {self.command or 'elf-export ...'}"
         if len(inputs) != 1 or inputs[0].name != self.input.name:
             names = [tensor.name for tensor in inputs]
-            raise ContractError(f"{file}: 'elf.input' says {self.input.name!r}, the graph takes {names}. {hint}")
+            raise ContractError(
+                f"{file}: 'elf.input' says {self.input.name!r}, the graph takes {names}. {hint}"
+            )
         shape = list(inputs[0].shape)
         if inputs[0].type != "tensor(float)" or len(shape) != 4 or shape[3] != self.input.channels:
             raise ContractError(
@@ -266,7 +304,7 @@ def _decode(name: str, value: Any) -> Any:
         spec.check()
         return spec
     if name == "descriptors":
-        specs = tuple(DescriptorSpec(**_typed(DescriptorSpec, item)) for item in value)
+        specs = tuple(_descriptor(item) for item in value)
         for item in specs:
             item.check()
         return specs
@@ -282,6 +320,12 @@ def _decode(name: str, value: Any) -> Any:
     if kind not in (float, str) and not isinstance(value, dict):
         raise TypeError(f"expected an object, found {value!r}")
     return value
+
+
+def _descriptor(value: dict[str, Any]) -> DescriptorSpec:
+    stated = value.get("reduction")
+    reduction = None if stated is None else ReductionSpec(**_typed(ReductionSpec, stated))
+    return DescriptorSpec(**_typed(DescriptorSpec, {**value, "reduction": reduction}))
 
 
 def _typed(cls: type, value: dict[str, Any]) -> dict[str, Any]:

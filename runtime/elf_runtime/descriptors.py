@@ -7,6 +7,9 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float32]
 
+# Values interpolated together: few enough to stay in the cache.
+_BLOCK = 1 << 15
+
 
 def sample(feature_map: Array, points: Array, stride: float, offset: float) -> Array:
     """Bilinear interpolation of a feature map at image points, by the network's geometry.
@@ -32,14 +35,21 @@ def sample(feature_map: Array, points: Array, stride: float, offset: float) -> A
     x1, y1 = np.minimum(x0 + 1, width - 1), np.minimum(y0 + 1, height - 1)
     fx, fy = (x - x0).astype(np.float32)[:, None], (y - y0).astype(np.float32)[:, None]
     rows = feature_map.reshape(-1, dim)
-    out = rows[y0 * width + x0] * ((1 - fx) * (1 - fy))
-    out += rows[y0 * width + x1] * (fx * (1 - fy))
-    out += rows[y1 * width + x0] * ((1 - fx) * fy)
-    out += rows[y1 * width + x1] * (fx * fy)
-    return normalize_rows(out)
+    corners = [y0 * width + x0, y0 * width + x1, y1 * width + x0, y1 * width + x1]
+    weights = [(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy]
+    out = np.empty((len(x), dim), np.float32)
+    step = max(1, _BLOCK // max(1, dim))
+    for start in range(0, len(x), step):
+        part = slice(start, start + step)
+        first, *others = (rows[at[part]] * weight[part] for at, weight in zip(corners, weights, strict=True))
+        for other in others:
+            first += other
+        out[part] = normalize_rows(first)
+    return out
 
 
 def normalize_rows(rows: Array) -> Array:
     """Rows scaled to unit L2 norm; a row of zeros stays one.  (N, D) -> (N, D) float32."""
-    norm = np.sqrt(np.einsum("nd,nd->n", rows, rows, dtype=np.float64))[:, None]
-    return np.asarray(rows / np.maximum(norm, np.finfo(np.float32).tiny), np.float32)
+    wide = rows.astype(np.float64)
+    wide /= np.maximum(np.sqrt(np.einsum("nd,nd->n", wide, wide))[:, None], np.finfo(np.float32).tiny)
+    return wide.astype(np.float32)

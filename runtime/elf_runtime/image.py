@@ -96,7 +96,7 @@ def to_pixels(image: npt.NDArray[Any], spec: InputSpec) -> Array:
     if pixels.ndim == 2:
         pixels = cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR)
     elif spec.color == "rgb":
-        pixels = np.ascontiguousarray(pixels[:, :, ::-1])
+        pixels = cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)
     return np.asarray(pixels, np.float32)
 
 
@@ -113,7 +113,7 @@ def resized(pixels: Array, size: tuple[int, int]) -> Array:
 
 def is_flat(pixels: Array) -> bool:
     """True where all pixels of all channels are the same: such an image has no saliency to speak of."""
-    return bool((pixels == pixels.flat[0]).all())
+    return bool((pixels[0] == pixels.flat[0]).all() and (pixels == pixels.flat[0]).all())
 
 
 def to_mask(mask: Any, size: tuple[int, int], working: tuple[int, int]) -> npt.NDArray[np.bool_]:

@@ -8,6 +8,12 @@ import numpy.typing as npt
 from .errors import SettingError
 from .features import Features
 
+Array = npt.NDArray[np.float32]
+Index = npt.NDArray[np.int64]
+
+# Rows of the first side that are compared with all of the second at once.
+_BAND = 512
+
 
 def match(
     first: Features | npt.NDArray[np.float32],
@@ -43,12 +49,38 @@ def match(
         raise SettingError("these features have no descriptors: the model was exported with --desc none")
     if len(a) == 0 or len(b) == 0:
         return np.zeros((0, 2), np.int64)
-    similarity = a @ b.T  # |a - b|^2 = 2 - 2 a.b for unit rows
-    to_b, to_a = similarity.argmax(axis=1), similarity.argmax(axis=0)
+    to_b, to_a, two = _nearest(a, b, second=ratio is not None and len(b) > 1)
     index = np.arange(len(a))
     keep = to_a[to_b] == index
-    if ratio is not None and len(b) > 1:
-        two = np.partition(similarity, len(b) - 2, axis=1)[:, -2:]
+    if two is not None and ratio is not None:
         squared = np.maximum(2.0 - 2.0 * two.astype(np.float64), 0.0)
         keep &= squared[:, 1] < ratio * ratio * squared[:, 0]
     return np.stack([index[keep], to_b[keep]], axis=1)
+
+
+def _nearest(a: Array, b: Array, second: bool) -> tuple[Index, Index, Array | None]:
+    """The most similar row of `b` to each of `a`, and the other way round, of the first ones where several are.
+
+    |a - b|^2 = 2 - 2 a.b for unit rows.  The table of all products is gone through in bands of rows: it is never whole
+    in memory, and a band is low enough for maxima along its columns to be cheap.
+
+    Returns
+    -------
+    to_b : (N,), to_a : (M,)
+    two : (N, 2), optional
+        Each row's second highest and highest product, where `second`.
+    """
+    to_b, to_a = np.zeros(len(a), np.int64), np.zeros(len(b), np.int64)
+    best = np.full(len(b), -np.inf, np.float32)
+    two = np.zeros((len(a), 2), np.float32) if second else None
+    for start in range(0, len(a), _BAND):
+        rows = slice(start, start + _BAND)
+        products = a[rows] @ b.T
+        to_b[rows] = products.argmax(axis=1)
+        place = products.argmax(axis=0)
+        highest = products[place, np.arange(len(b))]
+        better = highest > best
+        best[better], to_a[better] = highest[better], place[better] + start
+        if two is not None:
+            two[rows] = np.partition(products, len(b) - 2, axis=1)[:, -2:]
+    return to_b, to_a, two

@@ -132,9 +132,10 @@ def passing(scores: Array, smooth: Array, params: DetectionParams) -> npt.NDArra
         return scores > 0
     if params.threshold == "kapur":
         # A float map has the same 256 bins as an 8-bit one: [i, i+1), the last one closed.
-        counts = np.bincount(smooth.astype(np.uint8, copy=False).ravel(), minlength=256)
+        # Counts come as float32: exact up to 2^24 pixels in one bin.
+        counts = cv2.calcHist([smooth.astype(np.uint8, copy=False)], [0], None, [256], [0, 256]).ravel()
         level = float(kapur(counts) + 1)  # the lowest value of the bins above; 0 where one bin holds everything
     else:
         level = 255.0 * float(params.threshold)
     # A zero score is no keypoint, whatever the level.
-    return (scores >= level) & (scores > 0)
+    return scores >= level if level > 0.0 else scores > 0

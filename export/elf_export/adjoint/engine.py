@@ -27,7 +27,9 @@ from .registry import (
 from .sizes import Sizes
 
 
-def build_adjoint(graph: Graph, output: str, wrt: str, seed: str | None = None) -> str:
+def build_adjoint(
+    graph: Graph, output: str, wrt: str, seed: str | None = None, channels_last: bool = False
+) -> str:
     """Append the nodes that compute the vector-Jacobian product seed^T d(output)/d(wrt).
 
     Parameters
@@ -39,6 +41,9 @@ def build_adjoint(graph: Graph, output: str, wrt: str, seed: str | None = None) 
     seed : str, optional
         A value of the shape of `output`; `output` itself by default, which makes the result the gradient of
         1/2 ||output||^2, ELF's F^T dF/dI.
+    channels_last : bool
+        The form of max-pooling's adjoint: for convolutions that run channels last, as 8-bit ones do (see
+        `interleaved`), or in blocks of channels, as ONNX Runtime's float ones (see `phases`).
 
     Returns
     -------
@@ -66,7 +71,7 @@ def build_adjoint(graph: Graph, output: str, wrt: str, seed: str | None = None) 
         if not any(grads):
             continue
         wanted = [name in live for name in node.input]
-        context = Context(graph, node, wanted)
+        context = Context(graph, node, wanted, channels_last)
         given = phases.apply(entry.rule, context, grads)
         given += [None] * (len(node.input) - len(given))
         for name, want, grad in zip(node.input, wanted, given, strict=True):

@@ -30,6 +30,17 @@ class Phases:
     zero_unless_positive: str | None = None
 
 
+class Rectified(str):
+    """Name of a gradient, in one piece, that is zero wherever the forward value `unless_positive` is not positive."""
+
+    unless_positive: str
+
+    def __new__(cls, name: str, unless_positive: str) -> Rectified:
+        made = super().__new__(cls, name)
+        made.unless_positive = unless_positive
+        return made
+
+
 Part = str | Phases
 
 Gradients = Sequence[Part | None]

@@ -27,7 +27,7 @@ from elf_export.graph import Array, Graph
 
 from .conv import flipped
 from .geometry import Window, window_of
-from .gradient import Part, Phases
+from .gradient import Part, Phases, Rectified
 from .registry import Context, Rule
 
 STEEP, OFFSET = 1e30, -1.0
@@ -83,22 +83,45 @@ def split_max_pool(ctx: Context, grad_y: str) -> Phases:
     that ReLU's own mask has nothing more to do.
     """
     x, y = ctx.node.input[0], ctx.node.output[0]
-    producer = ctx.graph.producers().get(x)
-    rectified = producer is not None and producer.op_type == "Relu"
+    rectified = is_rectified(ctx, x)
+    before = ctx.graph.producers().get(grad_y)
+    if before is not None and before.op_type in ("Slice", "Pad"):
+        # Put together by `whole`, outside the blocked layout: back into it at once, for all that follows.
+        grad_y = depthwise(ctx, grad_y, [[1]], [1, 1], "dy_blocked")
     if rectified and grad_y != y:
         grad_y = ctx.op("Mul", grad_y, positive(ctx, y, "y"), role="dy_positive")
-    rows = ctx.op("MaxPool", x, role="row_maxima", kernel_shape=[1, 2], strides=[1, 2])
-    bottom_wins = _step(ctx, rows, [[-1], [1]], [2, 1], "bottom_wins")
-    bottom = ctx.op("Mul", grad_y, bottom_wins, role="dy_bottom")
+    rows = row_maxima(ctx)
+    bottom = ctx.op("Mul", grad_y, bottom_wins(ctx, rows), role="dy_bottom")
     top = _minus(ctx, grad_y, bottom, "dy_top")
-    top_right = ctx.op("Mul", top, _step(ctx, x, [[-1, 1], [0, 0]], [2, 2], "right_wins_top"), role="dx_01")
-    bottom_right = ctx.op(
-        "Mul", bottom, _step(ctx, x, [[0, 0], [-1, 1]], [2, 2], "right_wins_bottom"), role="dx_11"
-    )
+    top_right = ctx.op("Mul", top, right_wins(ctx, 0), role="dx_01")
+    bottom_right = ctx.op("Mul", bottom, right_wins(ctx, 1), role="dx_11")
     top_left = _minus(ctx, top, top_right, "dx_00")
     bottom_left = _minus(ctx, bottom, bottom_right, "dx_10")
     pieces = (top_left, top_right, bottom_left, bottom_right)
     return Phases(pieces, x, zero_unless_positive=x if rectified else None)
+
+
+def is_rectified(ctx: Context, x: str) -> bool:
+    """Whether a ReLU makes x."""
+    producer = ctx.graph.producers().get(x)
+    return producer is not None and producer.op_type == "Relu"
+
+
+def row_maxima(ctx: Context) -> str:
+    """The maximum of each pair of neighbours in a row of the node's input, (N, C, H, W // 2)."""
+    return ctx.op("MaxPool", ctx.node.input[0], role="row_maxima", kernel_shape=[1, 2], strides=[1, 2])
+
+
+def bottom_wins(ctx: Context, rows: str) -> str:
+    """Of each window: is its bottom row's maximum the larger one?  (N, C, h, w)."""
+    return _step(ctx, rows, [[-1], [1]], [2, 1], "bottom_wins")
+
+
+def right_wins(ctx: Context, row: int) -> str:
+    """Of each window's top row (0) or bottom row (1): is the right value the larger one?  (N, C, h, w)."""
+    kernel = np.zeros((2, 2))
+    kernel[row] = -1, 1
+    return _step(ctx, ctx.node.input[0], kernel, [2, 2], f"right_wins_{('top', 'bottom')[row]}")
 
 
 # -- passing phases on -----------------------------------------------------------------------------------------
@@ -113,9 +136,11 @@ def relu(ctx: Context, grad: Phases) -> Phases | None:
         return None
     pieces = []
     for (a, b), piece in zip(PHASES, grad.pieces, strict=True):
-        pick = np.zeros((2, 2))
+        # Without a margin, the windows of the last odd row and column must not begin at it: 2x2, as the pool's.
+        pick = np.zeros((a + 1, b + 1) if grad.margin else (2, 2))
         pick[a, b] = 1
-        mask = _step(ctx, y, pick, [2, 2], f"mask_{a}{b}", margin=grad.margin)
+        ends = [a + 1, b + 1] if grad.margin else [0, 0]
+        mask = _step(ctx, y, pick, [2, 2], f"mask_{a}{b}", ends)
         pieces.append(ctx.op("Mul", piece, mask, role=f"dx_{a}{b}"))
     # Beyond y's edge the masks are zero, and with them the products.
     return Phases(tuple(pieces), ctx.node.input[0], grad.margin)
@@ -214,30 +239,38 @@ def positive(ctx: Context, y: str, role: str) -> str:
 
 
 def _step(
-    ctx: Context, x: str, kernel: npt.ArrayLike, strides: list[int], role: str, margin: int = 0
+    ctx: Context, x: str, kernel: npt.ArrayLike, strides: list[int], role: str, ends: Sequence[int] = (0, 0)
 ) -> str:
-    """[d > 0] with d = a depthwise convolution of x; `margin` adds one row and column, of zeros beyond x."""
-    d = _depthwise(ctx, x, kernel, strides, role, [0, 0, 2 * margin, 2 * margin])
+    """[d > 0] with d = a depthwise convolution of x, which `ends` pads with rows below and columns on the right."""
+    d = depthwise(ctx, x, kernel, strides, f"{role}_difference", ends)
     return ctx.op("HardSigmoid", d, role=role, alpha=STEEP, beta=OFFSET)
 
 
 def _minus(ctx: Context, a: str, b: str, role: str) -> str:
     """a - b as a sum, which the convolution that negates b does in place."""
-    negated = _depthwise(ctx, b, [[-1]], [1, 1], f"{role}_minus", [0, 0, 0, 0])
+    negated = depthwise(ctx, b, [[-1]], [1, 1], f"{role}_minus")
     return ctx.op("Add", negated, a, role=role)
 
 
-def _depthwise(
-    ctx: Context, x: str, kernel: npt.ArrayLike, strides: list[int], role: str, pads: list[int]
+def depthwise(
+    ctx: Context,
+    x: str,
+    kernel: npt.ArrayLike,
+    strides: list[int],
+    role: str,
+    ends: Sequence[int] = (0, 0),
+    bias: float | None = None,
 ) -> str:
     """Each channel of x, which has as many as the node's input, convolved with the same small kernel."""
     like = ctx.node.input[0]
     channels = (ctx.shape(like) or [])[1]
+    assert isinstance(channels, int), "splits has seen to that"
     size = list(np.shape(kernel))
-    weight = ctx.const(np.broadcast_to(kernel, (channels, 1, *size)), f"{role}_kernel", like=like)
-    return ctx.op(
-        "Conv", x, weight, role=f"{role}_difference", kernel_shape=size, strides=strides, group=channels, pads=pads
-    )
+    inputs = [x, ctx.const(np.broadcast_to(kernel, (channels, 1, *size)), f"{role}_kernel", like=like)]
+    if bias is not None:
+        inputs.append(ctx.const(np.broadcast_to(bias, channels), f"{role}_bias", like=like))
+    pads = [0, 0, *ends]
+    return ctx.op("Conv", *inputs, role=role, kernel_shape=size, strides=strides, group=channels, pads=pads)
 
 
 _ON_PHASES: dict[str, Callable[[Context, Phases], Phases | None]] = {"Relu": relu, "Conv": conv}
@@ -246,6 +279,8 @@ _ON_PHASES: dict[str, Callable[[Context, Phases], Phases | None]] = {"Relu": rel
 def apply(rule: Rule, ctx: Context, grads: Sequence[Part | None]) -> list[Part | None]:
     """A node's rule; its form for phases where the gradient arrives in phases and there is one."""
     (first, *others) = grads
+    if isinstance(first, Rectified) and ctx.node.op_type == "Relu" and first.unless_positive == ctx.node.output[0]:
+        return [str(first)]
     if isinstance(first, Phases) and not others and ctx.node.op_type in _ON_PHASES:
         passed = _ON_PHASES[ctx.node.op_type](ctx, first)
         if passed is not None:

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import onnx
 
-from . import phases
+from . import interleaved, phases
 from .geometry import Window, begin_pads, crop_spatial, pad_spatial, spatial_shape, window_of
 from .portable import FAR, concat_ints, slice_axes
 from .registry import Context, Gradients, adjoint
@@ -40,11 +40,12 @@ def max_pool(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
         r_0 = dy;   taken_o = r_o * [x_o = y],   r_{o+1} = r_o - taken_o = r_o * sign(y - x_o)
 
     sign(y - x_o) is exactly 0 or 1 times a positive number's sign, so nothing is rounded.  The usual 2x2 windows
-    side by side have a form of their own, see `phases.split_max_pool`.
+    side by side have forms of their own, see `phases.split_max_pool` and `interleaved.max_pool`.
     """
     window = window_of(ctx, ctx.attrs["kernel_shape"])
     if phases.splits(ctx, window):
-        return [phases.split_max_pool(ctx, grad_y)]
+        form = interleaved.max_pool if ctx.channels_last else phases.split_max_pool
+        return [form(ctx, grad_y)]
     offsets = _offsets(window)
     y = node.output[0]
     views = _views(ctx, node.input[0], y, window, offsets)

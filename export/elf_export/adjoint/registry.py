@@ -47,10 +47,13 @@ class Context:
     Shapes and dtypes are known of forward values only, not of what a rule has just emitted.
     """
 
-    def __init__(self, graph: Graph, node: onnx.NodeProto, wanted: Sequence[bool] = ()) -> None:
+    def __init__(
+        self, graph: Graph, node: onnx.NodeProto, wanted: Sequence[bool] = (), channels_last: bool = False
+    ) -> None:
         self.graph = graph
         self.node = node
         self.wanted = wanted  # which inputs need a gradient; a rule may skip the others
+        self.channels_last = channels_last  # convolutions will run so: gradients in one piece, not in phases
         self.attrs = attributes(node)
 
     @property

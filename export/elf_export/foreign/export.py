@@ -11,9 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import onnx
 
 from elf_export import differences
+from elf_export.calibration import calibration_set
+from elf_export.detection import Wanted, chosen
+from elf_export.detection import arguments as detection_arguments
 from elf_export.errors import ExportError, LayerError
 from elf_export.output import (
     ExportResult,
@@ -25,10 +29,17 @@ from elf_export.output import (
     write,
 )
 from elf_export.passes import convert_opset, cut, opset_of, single_precision
+from elf_export.precision import lower
 from elf_export.preprocessing import Preprocessing
+from elf_export.projection import Reduction
 from elf_export.receptive_field import Field, receptive_fields
+from elf_export.reduce import arguments as reduction_arguments
+from elf_export.reduce import reduce_descriptors
 from elf_export.saliency import build_gradient, build_saliency, descriptor_output
+from elf_export.verify_projection import MapCheck, Maps
+from elf_export.verify_projection import parity as map_parity
 from elf_runtime import DetectionParams, InputSpec, ModelContract, WeightsSpec
+from elf_runtime.contract import ReductionSpec
 from elf_runtime.session import open_session
 
 from .free_sizes import Sizes, free_sizes
@@ -94,7 +105,10 @@ def export_onnx(
     preprocessing: Preprocessing | None = None,
     opset: int | None = None,
     force: bool = False,
-    detection: DetectionParams | None = None,
+    detection: Wanted = None,
+    reduction: Reduction | None = None,
+    calibration: str | os.PathLike[str] | None = None,
+    precision: str = "fp32",
     log: Callable[[str], None] = lambda _: None,
 ) -> ExportResult:
     """Export any CNN's .onnx file as an ELF model.
@@ -111,6 +125,8 @@ def export_onnx(
         By default the paper's standardisation, on RGB (or gray) pixels.
     opset : int, optional
         The file's own by default, moved into 11 to 20.
+    detection, reduction, calibration, precision : optional
+        As in `elf_export.export_network`.
 
     Returns
     -------
@@ -124,6 +140,7 @@ def export_onnx(
     """
     if opset is not None:
         check_opset(opset)
+    params = chosen(DetectionParams(), detection)
     model = load_model(file)
     source = prepare(model, [layer, *descriptors], image_input, opset)
     name, *described = source.layers
@@ -138,7 +155,9 @@ def export_onnx(
     log(f"image {source.image.name!r}, {source.image.layout}, {source.image.channels} channel(s); sizes: "
         f"{source.sizes.describe()}")  # fmt: skip
 
-    saliency = build_saliency(source.model, name, described, source.image.name, settings)
+    saliency = build_saliency(
+        source.model, name, described, source.image.name, settings, channels_last=precision == "int8"
+    )
     gradient = build_gradient(source.model, name, source.image.name)
     agreement = differences.check(
         cut(source.model, [name]), gradient, saliency, name, source.image, source.sizes, settings
@@ -158,26 +177,51 @@ def export_onnx(
     ]
     arguments += ["--input", image_input] if image_input else []
     arguments += ["--opset", str(opset)] if opset else []
+    arguments += reduction_arguments(reduction)
+    arguments += detection_arguments(DetectionParams(), params)
+    arguments += ["--precision", precision] if precision != "fp32" else []
+    arguments += ["--calibration", os.fspath(calibration)] if calibration is not None else []
     sizes = source.sizes
+    spec = InputSpec(
+        color=settings.color, channels=settings.channels, min_size=sizes.min_size,
+        height=sizes.height, width=sizes.width, batch=sizes.batch, multiple=sizes.multiple,
+    )  # fmt: skip
+    reductions: dict[str, ReductionSpec] = {}
+    map_checks: list[MapCheck] = []
+    if reduction is not None:
+        maps = maps_of(saliency, described)
+        saliency, reductions, map_checks = reduce_descriptors(
+            saliency, described, reduction, calibration, spec, params.scale, maps, log
+        )
     contract = ModelContract(
         network=Path(file).stem,
         layer=name,
         stride=fields[name].stride,
-        input=InputSpec(
-            color=settings.color, channels=settings.channels, min_size=sizes.min_size,
-            height=sizes.height, width=sizes.width, batch=sizes.batch, multiple=sizes.multiple,
-        ),
-        descriptors=descriptor_specs(saliency, described, fields),
-        detection=detection or DetectionParams(),
+        input=spec,
+        descriptors=descriptor_specs(saliency, described, fields, reductions),
+        detection=params,
         preprocessing=settings.describe(),
         weights=WeightsSpec(Path(file).name, hashlib.sha256(Path(file).read_bytes()).hexdigest(), ""),
-        parity=differences.parity(agreement),
+        parity=differences.parity(agreement) | map_parity(map_checks),
         cost=cost_of(saliency, described),
         versions=versions(opset_of(saliency)),
         command=shlex.join([*arguments, *settings.arguments()]),
-    )  # fmt: skip
+    )
+    saliency, contract = lower(saliency, contract, precision, calibration_set(calibration), log)
     write(saliency, contract, path)
     return ExportResult(path, contract)
+
+
+def maps_of(model: onnx.ModelProto, layers: Sequence[str]) -> Maps:
+    """The model's own descriptor maps, by ONNX Runtime."""
+    session, _ = open_session(model.SerializeToString())
+    outputs = [descriptor_output(layer) for layer in layers]
+
+    def maps(pixels: npt.NDArray[np.float32]) -> dict[str, npt.NDArray[np.float32]]:
+        found = session.run(outputs, {session.get_inputs()[0].name: pixels})
+        return dict(zip(layers, found, strict=True))
+
+    return maps
 
 
 def measured_fields(

@@ -7,17 +7,24 @@ from .convert_opset import OPSETS, convert_opset, opset_of
 from .cut import cut
 from .fold_batchnorm import fold_batchnorm
 from .fold_constants import fold_constants
+from .half_precision import bfloat16_weights, half_precision
+from .project import project
 from .share import share
+from .share_row_maxima import share_row_maxima
 from .single_precision import single_precision
 
 __all__ = [
     "OPSETS",
+    "bfloat16_weights",
     "compose_convs",
     "convert_opset",
     "cut",
     "fold_batchnorm",
     "fold_constants",
+    "half_precision",
     "opset_of",
+    "project",
     "share",
+    "share_row_maxima",
     "single_precision",
 ]

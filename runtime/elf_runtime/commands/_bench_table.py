@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 
@@ -27,6 +27,8 @@ def table(report: Mapping[str, Any]) -> str:
     rows += [f"left out: {name}: {note}" for name, note in left_out.items()]
     for entry in report["sizes"]:
         rows += ["", *_size_rows(entry)]
+    if len(report["sizes"]) > 1:
+        rows += ["", *_growth_rows(report["sizes"])]
     return "\n".join(rows)
 
 
@@ -52,4 +54,19 @@ def _size_rows(entry: Mapping[str, Any]) -> list[str]:
             f"  peak memory of a fresh process: {loaded:.0f} MiB loaded, {detected:.0f} MiB detecting"
         )
     rows.append(f"  first detection of a fresh process: {1e3 * memory['first_detect_s']:.0f} ms")
+    return rows
+
+
+def _growth_rows(entries: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Median time per megapixel of the source image at each size: the same where time is linear in pixels."""
+    stages = ("session", "post-processing")
+    rows = [f"{'per megapixel of the image':<26}" + "".join(f"{stage:>20}" for stage in stages) + " ms"]
+    each = []
+    for entry in entries:
+        area = entry["height"] * entry["width"] / 1e6
+        each.append([1e3 * entry["seconds"][f"elf.{stage}"]["p50"] / area for stage in stages])
+        size = f"{entry['height']}x{entry['width']}"
+        rows.append(f"  {size:<24}" + "".join(f"{value:20.1f}" for value in each[-1]))
+    ratios = (last / first for first, last in zip(each[0], each[-1], strict=True))
+    rows.append(f"  {'last / first':<24}" + "".join(f"{ratio:20.2f}" for ratio in ratios))
     return rows

@@ -48,9 +48,7 @@ def _contract_rows(contract: Mapping[str, Any], gflop: Mapping[str, float]) -> l
     rows.append(
         _row("network, layer", f"{contract['network']} {contract['layer']}, stride {contract['stride']:g}")
     )
-    for d in contract["descriptors"] or [None]:
-        text = f"{d['layer']}: {d['dim']} values, a cell every {d['stride']:g} pixels" if d else "none"
-        rows.append(_row("descriptor", text))
+    rows += [_row("descriptor", _descriptor(d) if d else "none") for d in contract["descriptors"] or [None]]
     pixels = f"{spec['color']} pixels 0..{spec['value_range']:g}, {_sizes(spec)}"
     rows.append(_row("input", f"{spec['dtype']} {spec['layout']}, {pixels}"))
     rows.append(_row("preprocessing", contract["preprocessing"] or "not recorded"))
@@ -72,6 +70,18 @@ def _contract_rows(contract: Mapping[str, Any], gflop: Mapping[str, float]) -> l
     if contract["command"]:
         rows.append(_row("made by", contract["command"]))
     return rows
+
+
+def _descriptor(spec: Mapping[str, Any]) -> str:
+    text = f"{spec['layer']}: {spec['dim']} values, a cell every {spec['stride']:g} pixels"
+    reduction = spec["reduction"]
+    if reduction is None:
+        return text
+    whiten = f", whitened by {reduction['whiten']:g}" if reduction["whiten"] else ""
+    return (
+        f"{text}; of {reduction['source_dim']} channels by {reduction['method']}{whiten}, {reduction['kept']:.0%} of "
+        f"their variance, fitted to {reduction['calibration']} (SHA-256 {reduction['sha256'][:16]}...)"
+    )
 
 
 def _coverage(run: Mapping[str, Any]) -> str:

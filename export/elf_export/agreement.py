@@ -1,0 +1,149 @@
+"""What a lower precision changes: the model against its float32 self, down to keypoints and matches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from functools import partial
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from elf_eval.geometry import warp
+from elf_eval.metrics import covisible, descriptor_distances, repeatability_and_matching_score
+from elf_runtime import ElfRuntime, Features
+
+from .calibration import CalibrationSet
+from .errors import ExportError, VerificationError
+
+Image = npt.NDArray[np.uint8]
+
+LARGEST = 640  # pixels, of the longer side of a user's image
+NEAR = 1.0  # pixels of the source image
+REPEATED = 5.0  # the paper's
+LEAST_CORRELATION = 0.5  # below it, the low precision has lost the saliency
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """A model of lower precision beside its float32 self, over the calibration images.
+
+    Attributes
+    ----------
+    correlation : of the saliency maps' values, mean over the images
+    agreeing : share of float32's keypoints that have one within a pixel
+    keypoints, keypoints_fp32 : mean numbers
+    rep, ms, rep_fp32, ms_fp32 : in percent; repeatability and matching score between each image and a view of it
+        under a homography, another light and noise.  ms is None without descriptors.
+    """
+
+    correlation: float
+    agreeing: float
+    keypoints: float
+    keypoints_fp32: float
+    rep: float
+    rep_fp32: float
+    ms: float | None
+    ms_fp32: float | None
+
+    def figures(self) -> dict[str, float]:
+        """For the contract."""
+        return {f"lower_{name}": value for name, value in asdict(self).items() if value is not None}
+
+
+def measure(lower: bytes, full: bytes, images: CalibrationSet) -> Agreement:
+    """Run both models, with their contracts, on every image and on a view of it.
+
+    Raises
+    ------
+    VerificationError
+        If the lower precision gives no finite saliency, or hardly that of float32.
+    """
+    a, b = ElfRuntime(lower), ElfRuntime(full)
+    rows = []
+    for index, image in enumerate(_sources(images, b.contract.detection.scale)):
+        view, homography = _view(image, index)
+        one, other = a.trace(image), b.trace(image)
+        if not np.isfinite(one.saliency).all():
+            raise VerificationError(
+                f"{a.contract.precision} overflows in this network: its saliency is not finite. No file was written."
+            )
+        spread = min(float(one.saliency.std()), float(other.saliency.std()))
+        correlation = float(np.corrcoef(one.saliency.ravel(), other.saliency.ravel())[0, 1]) if spread > 0 else 0.0
+        near = _near(other.features.keypoints, one.features.keypoints)
+        scores = [_scores(t.features, m.detect(view), homography) for t, m in ((one, a), (other, b))]
+        rows.append([correlation, near, len(one.features), len(other.features), scores[0][0], scores[1][0],
+                     scores[0][1], scores[1][1]])  # fmt: skip
+    means = np.array(rows, np.float64).mean(axis=0)
+    if means[0] < LEAST_CORRELATION:
+        raise VerificationError(
+            f"{a.contract.precision} loses the saliency of this network: its correlation with float32's is "
+            f"{means[0]:.3f}, at least {LEAST_CORRELATION:g} is wanted. No file was written."
+        )
+    described = bool(a.contract.descriptors)
+    last = (float(means[6]), float(means[7])) if described else (None, None)
+    return Agreement(*(float(v) for v in means[:6]), *last)
+
+
+def table(precision: str, a: Agreement) -> str:
+    """The agreement as a small text table."""
+
+    def row(name: str, correlation: str, agreeing: str, keypoints: float, rep: float, ms: float | None) -> str:
+        score = "-" if ms is None else f"{ms:.1f}"
+        return f"{name:<8}{correlation:>12}{agreeing:>13}{keypoints:>11.0f}{rep:>7.1f}{score:>7}"
+
+    return "\n".join([
+        f"{'':8}{'correlation':>12}{'kpts < 1 px':>13}{'keypoints':>11}{'rep':>7}{'ms':>7}   (images, views of them)",
+        row("fp32", "1", "100%", a.keypoints_fp32, a.rep_fp32, a.ms_fp32),
+        row(precision, f"{a.correlation:.4f}", f"{a.agreeing:.1%}", a.keypoints, a.rep, a.ms),
+    ])
+
+
+def _sources(images: CalibrationSet, scale: float) -> Iterator[Image]:
+    """The images, of such a size that at the working scale they are as in calibration, or at most 640 pixels large."""
+    for path in images.files:
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if image is None:
+            raise ExportError(f"{path}: not an image that OpenCV can read")
+        factor = 1 / scale if images.ready else min(1.0, LARGEST / max(image.shape[:2]))
+        method = cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
+        yield np.asarray(cv2.resize(image, None, fx=factor, fy=factor, interpolation=method))
+
+
+def _view(image: Image, index: int) -> tuple[Image, npt.NDArray[np.float64]]:
+    """Another view, brighter or darker and with noise, and the homography from the image to it."""
+    rng = np.random.default_rng(index)
+    height, width = image.shape[:2]
+    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
+    moved = corners + rng.uniform(-0.08, 0.08, (4, 2)) * (width, height)
+    homography = cv2.getPerspectiveTransform(corners, moved.astype(np.float32))
+    view = cv2.warpPerspective(image, homography, (width, height), flags=cv2.INTER_LINEAR)
+    noisy = view * rng.uniform(0.7, 1.2) + rng.normal(0, 4, view.shape)
+    return np.clip(noisy, 0, 255).astype(np.uint8), np.asarray(homography, np.float64)
+
+
+def _scores(first: Features, second: Features, homography: npt.NDArray[np.float64]) -> tuple[float, float]:
+    """Repeatability and matching score, in percent; 0 where nothing is seen in both."""
+    there, back = (partial(warp, matrix) for matrix in (homography, np.linalg.inv(homography)))
+    seen = covisible(first.keypoints, second.keypoints, there, back, _size(first), _size(second))
+    distance = None
+    if first.descriptors.shape[1]:
+        distance = descriptor_distances(first.descriptors, second.descriptors)[np.ix_(seen.first, seen.second)]
+    rep, ms, _ = repeatability_and_matching_score(seen, distance, REPEATED)
+    return 100 * rep, 100 * (ms or 0.0)
+
+
+def _size(features: Features) -> tuple[int, int]:
+    height, width = features.image_size
+    return width, height
+
+
+def _near(points: npt.NDArray[np.float32], others: npt.NDArray[np.float32]) -> float:
+    """Share of the points that have one of the others within a pixel."""
+    if len(points) == 0:
+        return 1.0
+    if len(others) == 0:
+        return 0.0
+    distance = np.linalg.norm(points[:, None] - others[None], axis=2)
+    return float((distance.min(axis=1) <= NEAR).mean())

@@ -1,0 +1,80 @@
+"""`--desc-dim`: fit, put into the graph, hold against the reference, record."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+
+import onnx
+
+from elf_runtime import InputSpec
+from elf_runtime.contract import ReductionSpec
+
+from . import verify_projection
+from .calibration import calibration_set
+from .errors import LayerError
+from .passes import project
+from .projection import Reduction, fit_layers, specs
+from .saliency import descriptor_output
+from .verify_projection import MapCheck, Maps
+
+
+def reduce_descriptors(
+    model: onnx.ModelProto,
+    layers: Sequence[str],
+    reduction: Reduction,
+    calibration: str | os.PathLike[str] | None,
+    spec: InputSpec,
+    scale: float,
+    maps: Maps,
+    log: Callable[[str], None] = lambda _: None,
+) -> tuple[onnx.ModelProto, dict[str, ReductionSpec], list[MapCheck]]:
+    """`model` with its descriptor maps projected.
+
+    Parameters
+    ----------
+    model : onnx.ModelProto
+        With the outputs ``descriptors_NAME`` (N, h, w, D) of `layers`.
+    layers : names
+        As in the contract.
+    calibration : path, optional
+        Folder of images to fit to; the exporter's photographs by default.
+    spec : InputSpec
+        The graph's input.
+    scale : float
+        Working scale at which the network will see images.
+    maps : function
+        The layers' maps by an independent computation.
+
+    Returns
+    -------
+    model : onnx.ModelProto
+    reductions : dict
+        Layer -> what the contract says of its projection.
+    checks : list of MapCheck
+
+    Raises
+    ------
+    ExportError
+        No descriptor layer, one of too few channels, a calibration set that can't be read, or a graph that
+        does not agree with `maps`.
+    """
+    if not layers:
+        raise LayerError("there is no descriptor layer whose values could be made fewer")
+    images = calibration_set(calibration)
+    projections = fit_layers(model, layers, reduction, images, spec, scale)
+    model = project(
+        model, {descriptor_output(name): (p.matrix, -p.mean @ p.matrix) for name, p in projections.items()}
+    )
+    checks = verify_projection.verify_projection(model, maps, projections, spec)
+    log(verify_projection.table(checks))
+    return model, specs(projections, reduction, images), checks
+
+
+def arguments(reduction: Reduction | None) -> list[str]:
+    """The options of `elf-export` that say so."""
+    if reduction is None:
+        return []
+    words = ["--desc-dim", str(reduction.dim)]
+    words += ["--desc-reduce", reduction.method] if reduction.method != "pca" else []
+    return words + (["--whiten", f"{reduction.exponent:g}"] if reduction.method == "pca" else [])

@@ -1,0 +1,108 @@
+"""Images to calibrate with: those of a folder, those that come along, and what is refused."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from elf_export import ExportError
+from elf_export.calibration import BUNDLED, MOST_IMAGES, MOST_PIXELS, calibration_set
+from elf_runtime import InputSpec
+from helpers import textured
+
+FREE = InputSpec()
+
+
+def write(folder: Path, name: str, height: int, width: int, seed: int = 0) -> np.ndarray:
+    image = textured(height, width, seed)
+    assert cv2.imwrite(str(folder / name), image)
+    return image
+
+
+def test_the_photographs_are_those_of_their_page() -> None:
+    page = (BUNDLED / "README.md").read_text()
+    listed = dict(
+        re.findall(r"^\| (\S+\.jpg) \| \S+ \| .* \| ([0-9a-f]{64}) \|$", page.split("## Originals")[0], re.M)
+    )
+    found = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in BUNDLED.glob("*.jpg")}
+    assert listed == found
+    assert len(found) == 12
+    assert sum(path.stat().st_size for path in BUNDLED.iterdir()) < 300_000
+
+
+def test_the_photographs_are_taken_as_they_are() -> None:
+    images = calibration_set()
+    assert len(images) == 12
+    batches = list(images.batches(FREE, scale=0.5))
+    for path, batch in zip(images.files, batches, strict=True):
+        np.testing.assert_array_equal(batch[0], cv2.imread(str(path)).astype(np.float32))
+
+
+def test_a_folder_s_images_come_in_the_order_of_their_names_at_the_working_scale(tmp_path: Path) -> None:
+    second, first = write(tmp_path, "b.png", 120, 160, 1), write(tmp_path, "a.PNG", 96, 128, 2)
+    (tmp_path / "notes.txt").write_text("no image")
+    (tmp_path / "folder.png").mkdir()
+    images = calibration_set(tmp_path)
+    assert [path.name for path in images.files] == ["a.PNG", "b.png"]
+    for batch, image in zip(images.batches(FREE, scale=0.5), (first, second), strict=True):
+        h, w = image.shape[:2]
+        # Half of each side by area: the mean of four.
+        halved = image.astype(np.float64).reshape(h // 2, 2, w // 2, 2, 3).mean(axis=(1, 3))
+        assert batch.dtype == np.float32
+        np.testing.assert_allclose(batch[0], halved, atol=1e-4)
+
+
+def test_of_a_large_image_the_middle_is_taken_at_its_own_scale(tmp_path: Path) -> None:
+    image = write(tmp_path, "large.png", 900, 1200)
+    (batch,) = calibration_set(tmp_path).batches(FREE)
+    _, h, w, _ = batch.shape
+    assert 0.98 * MOST_PIXELS < h * w <= MOST_PIXELS
+    assert w / h == pytest.approx(4 / 3, rel=0.01)
+    top, left = (900 - h) // 2, (1200 - w) // 2
+    np.testing.assert_array_equal(batch[0], image[top : top + h, left : left + w])
+
+
+def test_images_are_made_what_the_graph_takes(tmp_path: Path) -> None:
+    write(tmp_path, "a.png", 40, 60)
+    images = calibration_set(tmp_path)
+    (gray,) = images.batches(InputSpec(color="gray", channels=1), scale=0.25)
+    assert gray.shape == (1, 32, 48, 1)  # not below the smallest size
+    (fixed,) = images.batches(InputSpec(height=64, width=80), scale=0.5)
+    assert fixed.shape == (1, 64, 80, 3)
+
+
+def test_the_digest_is_of_the_contents(tmp_path: Path) -> None:
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        write(tmp_path / folder, "a.png", 40, 60)
+    one, two = calibration_set(tmp_path / "one"), calibration_set(tmp_path / "two")
+    assert one.sha256 == two.sha256
+    write(tmp_path / "two", "a.png", 40, 60, seed=1)
+    assert calibration_set(tmp_path / "two").sha256 != one.sha256
+    assert calibration_set().sha256 == calibration_set().sha256 != one.sha256
+
+
+def test_of_very_many_images_some_are_taken(tmp_path: Path) -> None:
+    data = cv2.imencode(".png", textured(8, 8))[1].tobytes()
+    for index in range(2 * MOST_IMAGES):
+        (tmp_path / f"{index:03d}.png").write_bytes(data)
+    names = [path.name for path in calibration_set(tmp_path).files]
+    assert names == [f"{2 * index:03d}.png" for index in range(MOST_IMAGES)]
+
+
+def test_what_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ExportError, match=r"nowhere: not a folder of calibration images: No such file"):
+        calibration_set(tmp_path / "nowhere")
+    (tmp_path / "notes.txt").write_text("no image")
+    with pytest.raises(ExportError, match=r"notes\.txt: not a folder of calibration images: Not a directory"):
+        calibration_set(tmp_path / "notes.txt")
+    with pytest.raises(ExportError, match=r"no image to calibrate with; files that end in \.bmp"):
+        calibration_set(tmp_path)
+    (tmp_path / "broken.jpg").write_bytes(b"no image either")
+    with pytest.raises(ExportError, match=r"broken\.jpg: not an image that OpenCV can decode"):
+        list(calibration_set(tmp_path).batches(FREE))
