@@ -13,7 +13,7 @@ from elf_runtime.session import bundled_model
 from helpers import ROOT
 
 CARD = (ROOT / "models" / "README.md").read_text(encoding="utf-8")
-DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("[dm]*/*.md")])
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("[dm]*/*.md"), *ROOT.glob("examples/*.md")])
 
 
 def test_the_file_is_the_one_described() -> None:

@@ -13,6 +13,7 @@ from .engine import ElfRuntime, Trace
 from .errors import ContractError, ElfError, ImageError, ModelError, ProviderError, SettingError
 from .features import Features
 from .matching import match
+from .ort_format import to_ort
 from .params import PRESETS, DetectionParams, preset
 
 __version__ = "0.1.0"
@@ -35,4 +36,5 @@ __all__ = [
     "WeightsSpec",
     "match",
     "preset",
+    "to_ort",
 ]

@@ -13,7 +13,7 @@ import numpy as np
 
 from .contract import ModelContract
 from .errors import ElfError, ModelError
-from .session import open_session
+from .session import Provider, open_session
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Coverage:
         return not self.error and not self.elsewhere and bool(self.ran)
 
 
-def measure(model: str | Path, contract: ModelContract, provider: str, size: int = 64) -> Coverage:
+def measure(model: str | Path, contract: ModelContract, provider: Provider, size: int = 64) -> Coverage:
     """Run `model` once on a small image of noise and read where each node was executed.
 
     Nothing is concluded from lists of supported ops: whether a provider takes a node depends on its
@@ -53,6 +53,7 @@ def measure(model: str | Path, contract: ModelContract, provider: str, size: int
     ModelError
         If the model itself can't be opened.
     """
+    name = provider if isinstance(provider, str) else provider[0]
     side = max(size, contract.input.min_size)
     shape = (1, *contract.input.size_for(side, side, 1.0), contract.input.channels)
     image = np.random.default_rng(0).uniform(0.0, contract.input.value_range, shape).astype(np.float32)
@@ -67,10 +68,10 @@ def measure(model: str | Path, contract: ModelContract, provider: str, size: int
         except ModelError:
             raise
         except ElfError as error:
-            return Coverage(provider, {}, {}, str(error))
+            return Coverage(name, {}, {}, str(error))
         except Exception as error:  # onnxruntime's own exceptions share no base of theirs
-            return Coverage(provider, {}, {}, str(error).strip().splitlines()[0][:300])
-    return from_events(provider, events)
+            return Coverage(name, {}, {}, str(error).strip().splitlines()[0][:300])
+    return from_events(name, events)
 
 
 def from_events(provider: str, events: list[dict[str, Any]]) -> Coverage:

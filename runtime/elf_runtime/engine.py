@@ -22,6 +22,7 @@ from .errors import ElfError, ImageError, SettingError
 from .features import Features
 from .image import Array, ImageLike
 from .nms import greedy_nms
+from .ort_format import is_ort_format
 from .params import DetectionParams, preset
 from .refine import parabola_peaks
 from .session import Provider, bundled_model, open_session
@@ -61,7 +62,7 @@ class ElfRuntime:
     Parameters
     ----------
     model : path or bytes, optional
-        A file that ``elf-export`` wrote.  None is the bundled model, which works offline.
+        A file that ``elf-export`` or `to_ort` wrote.  None is the bundled model, which works offline.
     providers : str, (str, options) or sequence of them, optional
         ONNX Runtime execution providers in order of preference, by short ("cuda") or full name.  None is the CPU.
     threads : int, optional
@@ -73,7 +74,7 @@ class ElfRuntime:
     sizes : int
         For that many image sizes, the ones used last, a session of their own is kept: ONNX Runtime is about a
         sixth faster when it knows the size.  Opening one takes some 20 to 100 ms.  0 opens none; right where
-        nearly every image has another size.
+        nearly every image has another size.  A model in ORT format has one session for all.
 
     Raises
     ------
@@ -94,7 +95,8 @@ class ElfRuntime:
     Notes
     -----
     An instance is safe to use from several threads at once.  `detect` runs the whole graph; the first call of
-    `saliency` or `describe` opens a session of that part of the graph alone.
+    `saliency` or `describe` opens a session of that part of the graph alone.  A model in ORT format can't be cut:
+    there they run the whole graph too.
     """
 
     def __init__(
@@ -113,8 +115,11 @@ class ElfRuntime:
         }  # fmt: skip
         if isinstance(sizes, bool) or not isinstance(sizes, int) or sizes < 0:
             raise SettingError(f"sizes is an integer >= 0, not {sizes!r}")
-        self._sizes = sizes
-        session, self._name = open_session(self._source, **self._options)
+        self._divisible = not is_ort_format(self._source)
+        self._sizes = sizes if self._divisible else 0
+        # A session to check the model only, where each size gets its own; another provider has to show that it starts.
+        provisional = self._sizes > 0 and providers in (None, "cpu", "CPUExecutionProvider")
+        session, self._name = open_session(self._source, **self._options, optimize=not provisional)
         metadata = session.get_modelmeta().custom_metadata_map
         self.contract = ModelContract.from_metadata(metadata, self._name)
         self.contract.check_tensors(session.get_inputs(), session.get_outputs(), self._name)
@@ -124,7 +129,8 @@ class ElfRuntime:
         # onnxruntime computes every output of a graph, asked for or not: one session for each set of outputs,
         # and of those one for each size; the least recently used first.
         self._sessions: dict[tuple[frozenset[str], Shape | None], ort.InferenceSession] = {}
-        self._sessions[self._outputs, None] = session
+        if not provisional:
+            self._sessions[self._outputs, None] = session
         self._opening = threading.Lock()
 
     def __repr__(self) -> str:
@@ -315,10 +321,13 @@ class ElfRuntime:
         maps = self._run(work.pixels[None], [spec], saliency=False)[1]
         return sample(maps[spec.output][0], work.to_working(where), spec.stride, spec.offset)
 
-    def warmup(self, size: tuple[int, int] = (480, 640)) -> None:
-        """Run once on noise of (height, width), so that the first real image pays no first-use costs."""
+    def warmup(self, size: tuple[int, int] = (480, 640), scale: float | None = None) -> None:
+        """Detect once on noise of (height, width) at a working scale, by default the model's.
+
+        The session of this size is open then: `detect` on the first real image pays no first-use costs.
+        """
         noise = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
-        self.detect(noise)
+        self.detect(noise, scale=scale)
 
     def params(self, name: str | None = None, **settings: Any) -> DetectionParams:
         """The settings that a call with this preset and these changes uses.
@@ -366,7 +375,7 @@ class ElfRuntime:
 
     def _session_for(self, outputs: Sequence[str], shape: Shape) -> ort.InferenceSession:
         """A session that computes these outputs and no other, for this input shape alone where sizes are kept."""
-        wanted = frozenset(outputs)
+        wanted = frozenset(outputs) if self._divisible else self._outputs
         key = (wanted, shape if self._sizes else None)
         with self._opening:
             session = self._sessions.pop(key, None)

@@ -84,6 +84,7 @@ def open_session(
     fallback: bool = False,
     profile: str | None = None,
     dims: Mapping[str, int] | None = None,
+    optimize: bool = True,
 ) -> tuple[ort.InferenceSession, str]:
     """Open a model.
 
@@ -97,7 +98,9 @@ def open_session(
         File prefix for ONNX Runtime's profile.
     dims : mapping, optional
         Values for the model's symbolic dimensions, e.g. ``{"H": 480, "W": 640}``: the session then takes that size
-        only, and ONNX Runtime plans and fuses for it.
+        only, and ONNX Runtime fuses for it.  A model in ORT format ignores them.
+    optimize : bool
+        False opens a session in less than half the time, and memory, to check the model and look at its tensors.
 
     Returns
     -------
@@ -120,7 +123,12 @@ def open_session(
     options.add_session_config_entry("session.intra_op.allow_spinning", "1" if spin else "0")
     for dim, size in (dims or {}).items():
         options.add_free_dimension_override_by_name(dim, size)
-    options.enable_mem_pattern = bool(dims)  # otherwise it keeps a plan for every image size ever seen
+    if not optimize:
+        options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_DISABLE_ALL
+        options.add_session_config_entry("session.disable_prepacking", "1")
+    # A plan for a size is made in its second run, beside the arena of the first: half as much memory again and no
+    # faster; and one would be kept for every image size ever seen.
+    options.enable_mem_pattern = False
     if profile is not None:
         options.enable_profiling = True
         options.profile_file_prefix = profile

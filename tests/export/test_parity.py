@@ -107,7 +107,7 @@ def test_a_pooling_rule_that_takes_the_last_of_ties_would_be_seen(vgg) -> None:
     broken.CopyFrom(vgg.model)
     changed = 0
     for node in broken.graph.node:
-        # [d > 0] = HardSigmoid(1e30 d) becomes [d >= 0] with an offset of 1.
+        # [d > 0] = HardSigmoid(1e30 d - 1) becomes [d >= 0] with an offset of 1.
         if node.op_type == "HardSigmoid" and "_wins" in node.name:
             next(a for a in node.attribute if a.name == "beta").f = 1.0
             changed += 1

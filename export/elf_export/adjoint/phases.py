@@ -9,9 +9,10 @@ ONNX Runtime convolves.  So a gradient may stay in phases while it passes throug
 stride 1 (the same multiplications, sorted by phase), and is put together only where a rule wants it whole,
 at the latest at the image, where it has three channels.
 
-Masks are HardSigmoid(1e30 d) of a depthwise convolution that takes the difference d: ONNX Runtime runs the two as
-one operator, in the blocked layout.  It is exactly 1 for d > 0 and 0 for d <= 0, d itself being the correctly
-rounded difference of two values; a positive d below 1e-30 would be neither.
+Masks are HardSigmoid(1e30 d - 1) of a depthwise convolution that takes the difference d: ONNX Runtime runs the two
+as one operator, in the blocked layout.  It is exactly 1 for d > 0 and 0 for d <= 0, d itself being the correctly
+rounded difference of two values; a positive d below 2e-30 would not be 1.  The 1 is there because OpenVINO takes an
+offset of 0 for an absent one, whose default is 0.5; in half precision too it is a number, and not 0.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from .geometry import Window, window_of
 from .gradient import Part, Phases, Rectified
 from .registry import Context, Rule
 
-STEEP = 1e30
+STEEP, OFFSET = 1e30, -1.0
 FEW = 16  # channels of one block of the blocked layout (AVX-512); a convolution to fewer pays for all of them
 PHASES = ((0, 0), (0, 1), (1, 0), (1, 1))
 
@@ -242,7 +243,7 @@ def _step(
 ) -> str:
     """[d > 0] with d = a depthwise convolution of x, which `ends` pads with rows below and columns on the right."""
     d = depthwise(ctx, x, kernel, strides, f"{role}_difference", ends)
-    return ctx.op("HardSigmoid", d, role=role, alpha=STEEP, beta=0.0)
+    return ctx.op("HardSigmoid", d, role=role, alpha=STEEP, beta=OFFSET)
 
 
 def _minus(ctx: Context, a: str, b: str, role: str) -> str:

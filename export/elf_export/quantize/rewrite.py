@@ -285,7 +285,7 @@ def _makes_step(readers: Mapping[str, list[onnx.NodeProto]], node: onnx.NodeProt
     if after is None or after.op_type != "HardSigmoid" or len(node.input) > 2:
         return False
     given = attributes(after)
-    return bool(given.get("alpha", 0.2) >= STEEP and given.get("beta", 0.5) == 0)
+    return bool(given.get("alpha", 0.2) >= STEEP and -1.0 <= given.get("beta", 0.5) <= 0.0)
 
 
 def _only_reader(readers: Mapping[str, list[onnx.NodeProto]], name: str) -> onnx.NodeProto | None:

@@ -3,23 +3,33 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import onnxruntime as ort
 
-from elf_runtime.coverage import Coverage
 
-
-def report_text(report: Mapping[str, Any], coverages: Sequence[Coverage]) -> str:
+def report_text(report: Mapping[str, Any]) -> str:
     """The report of one model, for reading."""
     rows = [f"{report['file']}  ({_size(report['bytes'])})"]
     if "contract" in report:
         rows += _contract_rows(report["contract"], report["gflop_per_megapixel"])
-    graph = report["graph"]
+    rows += _graph_rows(report["graph"]) if report["graph"] else ["", "in ORT format: its graph is not listed"]
+    if "providers" in report:
+        rows += ["", f"execution providers (onnxruntime {ort.__version__})"]
+        for name, run in report["providers"].items():
+            rows.append(_row(name.removesuffix("ExecutionProvider"), _coverage(run)))
+            if run["agreement"]:
+                rows.append(_row("", _agreement(run["agreement"])))
+    if "ort" in report:
+        rows += ["", f"wrote {report['ort']}"]
+    return "\n".join(rows)
+
+
+def _graph_rows(graph: Mapping[str, Any]) -> list[str]:
     opsets = ", ".join(f"{domain} {version}" for domain, version in graph["opsets"].items())
     form = f"IR {graph['ir_version']}, opset {opsets}; {graph['producer']}".rstrip("; ")
-    rows += ["", "graph", _row("format", form)]
+    rows = ["", "graph", _row("format", form)]
     for kind in ("inputs", "outputs"):
         rows += [
             _row(kind[:-1], f"{name}  {tensor['dtype']} ({', '.join(map(str, tensor['dims']))})")
@@ -29,10 +39,7 @@ def report_text(report: Mapping[str, Any], coverages: Sequence[Coverage]) -> str
         size = f"{entry['values']:,} values in {entry['tensors']} tensors, {_size(entry['bytes'])}"
         rows.append(_row(f"stored {dtype}", size))
     rows.append(_row("ops", f"{sum(graph['ops'].values())} nodes: {_counts(graph['ops'])}"))
-    if coverages:
-        rows += ["", f"execution providers (onnxruntime {ort.__version__})"]
-        rows += [_row(c.provider.removesuffix("ExecutionProvider"), _coverage(c)) for c in coverages]
-    return "\n".join(rows)
+    return rows
 
 
 def _contract_rows(contract: Mapping[str, Any], gflop: Mapping[str, float]) -> list[str]:
@@ -77,15 +84,25 @@ def _descriptor(spec: Mapping[str, Any]) -> str:
     )
 
 
-def _coverage(coverage: Coverage) -> str:
-    if coverage.error:
-        return f"can't run it: {coverage.error}"
-    if coverage.complete:
-        return f"runs every op ({sum(coverage.ran.values())} executed nodes)"
-    others = "; ".join(f"{name} runs {_counts(ops)}" for name, ops in coverage.elsewhere.items())
-    if not coverage.ran:
-        return f"runs no op; all is left to {', '.join(coverage.elsewhere) or 'nobody'}"
-    return f"runs {_counts(coverage.ran)}; {others}"
+def _coverage(run: Mapping[str, Any]) -> str:
+    if run["error"]:
+        return f"can't run it: {run['error']}"
+    if run["complete"]:
+        return f"runs every op ({sum(run['ran'].values())} executed nodes)"
+    others = "; ".join(f"{name} runs {_counts(ops)}" for name, ops in run["elsewhere"].items())
+    if not run["ran"]:
+        return f"runs no op; all is left to {', '.join(run['elsewhere']) or 'nobody'}"
+    return f"runs {_counts(run['ran'])}; {others}"
+
+
+def _agreement(found: Mapping[str, Any]) -> str:
+    text = (
+        f"{found['found']} keypoints, the CPU {found['reference']}; "
+        f"{found['same']:.1%} the same within 0.5 px, {found['near']:.1%} within 1 px"
+    )
+    if found["cosine"] is not None:
+        text += f"; cosine of their descriptors {found['cosine']:.5f}, at least {found['least_cosine']:.5f}"
+    return text if found["sufficient"] else f"DIFFERS: {text}"
 
 
 def _counts(ops: Mapping[str, int]) -> str:

@@ -6,17 +6,22 @@ import argparse
 import dataclasses
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy.typing as npt
 import onnxruntime as ort
 
+from elf_runtime.agreement import compare, pattern
 from elf_runtime.contract import SCHEMA_VERSION, ModelContract
-from elf_runtime.coverage import Coverage, measure
+from elf_runtime.coverage import measure
+from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError
+from elf_runtime.image import read
 from elf_runtime.onnx_file import OnnxFile, Tensor, read_onnx
-from elf_runtime.session import bundled_model, open_session, resolve_providers
+from elf_runtime.ort_format import is_ort_format, to_ort
+from elf_runtime.session import Provider, bundled_model, resolve_providers
 
 from . import _common
 from ._info_text import report_text
@@ -27,19 +32,37 @@ weights, the ops and tensors of its graph, its arithmetic, and which of the inst
 every op of it.
 
 The providers are measured: the model runs once on a small image, and ONNX Runtime's profile says which one
-executed each node. The ops counted there are those after ONNX Runtime's fusions and layout changes."""
+executed each node. The ops counted there are those after ONNX Runtime's fusions and layout changes. Keypoints and
+descriptors of each provider but the CPU are held against the CPU's on a test picture, or on --image: shares are of
+the larger number of keypoints."""
 
 EPILOG = """\
 exit status: 0; 1 if the file is no ELF model (of another .onnx file, what can be read is still shown) or the
-provider that --provider names can't run it; 2 on a wrong command line"""
+provider that --provider names can't run it or has less than 90 % of the CPU's keypoints within a pixel; 2 on a
+wrong command line
+
+examples:
+  elf-info model.onnx --provider tensorrt
+  elf-info model.onnx --provider openvino --image photo.jpg \\
+      --option 'load_config={"CPU": {"INFERENCE_PRECISION_HINT": "bf16"}}'"""
 
 
 def build_parser() -> argparse.ArgumentParser:
     parser = _common.new_parser("elf-info", DESCRIPTION, EPILOG)
-    parser.add_argument("model", nargs="?", metavar="MODEL", help="an .onnx file; default: the bundled model")
+    parser.add_argument("model", nargs="?", metavar="MODEL", help="an .onnx or .ort file; default: the bundled model")
     parser.add_argument(
         "--provider", metavar="NAME", help="measure this provider only; default: all installed"
     )
+    parser.add_argument(
+        "--option", action="append", default=[], metavar="KEY=VALUE",
+        help="an option of that provider, as ONNX Runtime names it; may be repeated",
+    )  # fmt: skip
+    parser.add_argument("--image", metavar="FILE", help="compare the keypoints on this image")
+    parser.add_argument("--ort", metavar="FILE", help="write the model in ORT format (.ort) too")
+    parser.add_argument(
+        "--this-machine", action="store_true",
+        help="optimise that file for this processor's vectors: faster, and for such processors only",
+    )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print everything as JSON")
     return parser
 
@@ -49,38 +72,67 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _work(args: argparse.Namespace) -> int:
+    if args.option and not args.provider:
+        raise _common.UsageError("--option is for the provider that --provider names")
+    if args.this_machine and not args.ort:
+        raise _common.UsageError("--this-machine is for the file that --ort names")
+    options = dict(map(_option, args.option))
+    image = pattern() if args.image is None else read(args.image)
     path = Path(args.model) if args.model else bundled_model()
-    file = read_onnx(path)
-    report: dict[str, Any] = {"file": str(path), "bytes": path.stat().st_size, "graph": _graph(file)}
-    failure: ElfError | None = None
-    coverages: list[Coverage] = []
+    graph = None if is_ort_format(path) else _graph(read_onnx(path))
+    report: dict[str, Any] = {"file": str(path), "bytes": path.stat().st_size, "graph": graph}
+    failures: list[object] = []
     try:
-        contract = _checked_contract(path, file)
+        contract = ElfRuntime(path).contract
         report |= {"schema": SCHEMA_VERSION, "contract": dataclasses.asdict(contract)}
         report["gflop_per_megapixel"] = gflop_per_megapixel(contract)
-        wanted = [str(p) for p in resolve_providers(args.provider, fallback=False)] if args.provider else None
-        coverages = [measure(path, contract, name) for name in wanted or ort.get_available_providers()]
-        report["providers"] = {
-            c.provider: {**dataclasses.asdict(c), "complete": c.complete} for c in coverages
-        }
+        asked: Provider | None = (args.provider, options) if options else args.provider
+        wanted = resolve_providers(asked, fallback=False) if asked else ort.get_available_providers()
+        runs = [_measured(path, contract, provider, image) for provider in wanted]
+        report["providers"] = {run["provider"]: run for run in runs}
+        if asked:  # of all that are installed, one that does not start here is no failure of the model's
+            failures += filter(None, (_failure(run, path) for run in runs))
     except ElfError as error:
-        failure = error
-    print(json.dumps(report, indent=2) if args.json else report_text(report, coverages))
+        failures = [error]
+    if args.ort and not failures:
+        to_ort(path, args.ort, this_machine=args.this_machine)
+        report["ort"] = args.ort
+    print(json.dumps(report, indent=2) if args.json else report_text(report))
     sys.stdout.flush()
-    failures: list[object] = [failure] if failure else []
-    if args.provider:  # of all that are installed, one that does not start here is no failure of the model's
-        failures += [f"{c.provider} can't run {path}: {c.error}" for c in coverages if c.error]
     for reason in failures:
         _common.report("elf-info", reason)
     return _common.FAILED if failures else 0
 
 
-def _checked_contract(path: Path, file: OnnxFile) -> ModelContract:
-    """The contract, held against the tensors that the session has."""
-    contract = ModelContract.from_metadata(file.metadata, str(path))
-    session, name = open_session(path)
-    contract.check_tensors(session.get_inputs(), session.get_outputs(), name)
-    return contract
+def _option(text: str) -> tuple[str, str]:
+    key, separator, value = text.partition("=")
+    if not (key and separator):
+        raise _common.UsageError(f"--option takes KEY=VALUE, not {text!r}")
+    return key, value
+
+
+def _measured(
+    path: Path, contract: ModelContract, provider: Provider, image: npt.NDArray[Any]
+) -> dict[str, Any]:
+    """What the provider ran of the model, and its keypoints against the CPU's."""
+    coverage = measure(path, contract, provider)
+    run: dict[str, Any] = {**dataclasses.asdict(coverage), "complete": coverage.complete, "agreement": None}
+    if not coverage.error and coverage.provider != "CPUExecutionProvider":
+        try:
+            found = compare(ElfRuntime(path), ElfRuntime(path, providers=provider), image)
+            run["agreement"] = {**dataclasses.asdict(found), "sufficient": found.sufficient}
+        except ElfError as error:
+            run["error"] = str(error)
+    return run
+
+
+def _failure(run: Mapping[str, Any], path: Path) -> str:
+    if run["error"]:
+        return f"{run['provider']} can't run {path}: {run['error']}"
+    if run["agreement"] and not run["agreement"]["sufficient"]:
+        share = run["agreement"]["near"]
+        return f"{run['provider']} finds other keypoints in {path} than the CPU: {share:.0%} agree within 1 px"
+    return ""
 
 
 def gflop_per_megapixel(contract: ModelContract) -> dict[str, float]:

@@ -1,0 +1,121 @@
+"""What a robot relies on: the same result with any number of threads, warm starts, and memory that stays."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import onnxruntime as ort
+import pytest
+
+from elf_runtime import ElfRuntime, ModelError, engine
+from elf_runtime.agreement import compare, pattern
+from helpers import ROOT, TINY, textured
+
+STATUS = Path("/proc/self/status")
+
+# 30 sizes, no two alike; the second half is the first with a pixel more, so that both need as much at a time.
+MEMORY = """
+import gc, json, sys
+import numpy as np
+from elf_runtime import ElfRuntime
+
+def resident():
+    with open("/proc/self/status") as status:
+        return next(int(line.split()[1]) / 1024 for line in status if line.startswith("VmRSS"))
+
+elf = ElfRuntime(threads=1, sizes=int(sys.argv[1]))
+rng = np.random.default_rng(0)
+found = []
+for more in (0, 1):
+    for i in range(15):
+        size = 128 + 16 * (7 * i % 15) + more
+        elf.detect(rng.integers(0, 256, (size, size, 3), np.uint8))
+        gc.collect()
+        found.append(resident())
+print(json.dumps(found))
+"""
+
+
+def resident_over_sizes(sizes: int) -> list[float]:
+    """MiB in use after each of 30 images of different sizes, in a fresh process."""
+    env = {**os.environ, "PYTHONPATH": str(ROOT / "runtime")}
+    command = [sys.executable, "-c", MEMORY, str(sizes)]
+    done = subprocess.run(command, env=env, capture_output=True, text=True, check=True)
+    found: list[float] = json.loads(done.stdout)
+    return found
+
+
+@pytest.mark.skipif(not STATUS.exists(), reason="reads resident memory from /proc")
+def test_memory_is_bounded_over_sizes() -> None:
+    found = resident_over_sizes(2)
+    # Were all sessions kept, the second half would add 200.
+    assert max(found[15:]) - max(found[:15]) < 60, [round(value) for value in found]
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3, 4])
+def test_threads_do_not_move_a_keypoint(threads: int) -> None:
+    found = compare(ElfRuntime(threads=None), ElfRuntime(threads=threads), pattern(120, 160))
+    assert found.reference == found.found > 20
+    assert found.same == 1.0
+    assert found.least_cosine == pytest.approx(1.0, abs=1e-5)
+
+
+def count_sessions(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, int]]:
+    """The dims of each session that is opened from here on."""
+    opened: list[dict[str, int]] = []
+    real = engine.open_session
+
+    def spy(*args: Any, **options: Any) -> Any:
+        opened.append(dict(options.get("dims") or {}))
+        return real(*args, **options)
+
+    monkeypatch.setattr(engine, "open_session", spy)
+    return opened
+
+
+@pytest.mark.parametrize(("scale", "working"), [(None, (60, 80)), (1.0, (120, 160)), (0.75, (90, 120))])
+def test_warmup_opens_the_session_that_detect_uses(
+    monkeypatch: pytest.MonkeyPatch, scale: float | None, working: tuple[int, int]
+) -> None:
+    elf = ElfRuntime()  # its own scale is a half
+    opened = count_sessions(monkeypatch)
+    elf.warmup((120, 160), scale=scale)
+    assert opened == [{"N": 1, "H": working[0], "W": working[1]}]
+    elf.detect(textured(120, 160), scale=scale)
+    assert len(opened) == 1
+
+
+def test_the_model_is_checked_once_and_opened_once_for_a_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = count_sessions(monkeypatch)
+    elf = ElfRuntime(TINY)
+    assert opened == [{}]
+    elf.detect(textured(64, 80))
+    elf.detect(textured(64, 80, seed=1))
+    assert opened == [{}, {"N": 1, "H": 64, "W": 80}]
+
+
+def test_without_sizes_one_session_does_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = count_sessions(monkeypatch)
+    elf = ElfRuntime(sizes=0)
+    elf.detect(textured(96, 80))
+    elf.detect(textured(80, 64))
+    assert opened == [{}]
+
+
+def test_a_graph_that_onnxruntime_refuses_is_refused_at_once() -> None:
+    broken = TINY.read_bytes().replace(b"MaxPool", b"MaxPoox")
+    with pytest.raises(ModelError, match="can't load it"):
+        ElfRuntime(broken)
+
+
+@pytest.mark.skipif("CoreMLExecutionProvider" in ort.get_available_providers(), reason="CoreML is installed")
+def test_a_provider_that_is_missing_warns_once() -> None:
+    with pytest.warns(RuntimeWarning, match="CoreML") as caught:
+        elf = ElfRuntime(TINY, providers=["coreml", "cpu"], fallback=True)
+    assert len(caught) == 1
+    assert elf.providers == ["CPUExecutionProvider"]
