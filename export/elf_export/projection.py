@@ -22,7 +22,7 @@ Array64 = npt.NDArray[np.float64]
 METHODS = ("pca", "channels")
 WHITEN = 0.75
 MOST_CELLS = 20_000  # of one image's map
-LEAST_VARIANCE = 1e-9  # of the largest: a component below it is rounding, which whitening would blow up
+LEAST_VARIANCE = 1e-6  # of the largest: below it, whitening would blow float32's rounding up to be seen
 
 
 @dataclass(frozen=True)
