@@ -17,16 +17,17 @@ from helpers import shared, textured
 TRUNK = LAYERS[: LAYERS.index("pool3") + 1]
 
 
-@pytest.fixture
-def random_weights(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def random_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Seeded weights for all of VGG16: real ones reach pool3 only without a download."""
     rng = np.random.default_rng(0)
     tensors = {}
     for name, shape in tensor_shapes(LAYERS).items():
         fan_in = np.prod(shape[1:]) if len(shape) > 1 else 1
         tensors[name] = (rng.standard_normal(shape) * np.sqrt(2 / fan_in) * (len(shape) > 1)).astype(np.float32)
-    np.savez(tmp_path / "random.npz", **tensors)
-    return tmp_path / "random.npz"
+    path = tmp_path_factory.mktemp("weights") / "random.npz"
+    np.savez(path, **tensors)
+    return path
 
 
 def test_the_command_writes_one_verified_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -63,12 +64,14 @@ def test_the_command_writes_one_verified_file(tmp_path: Path, capsys: pytest.Cap
     assert g.descriptors.shape == (len(g), 0)
 
 
+@pytest.mark.usefixtures("small_probes")
 @pytest.mark.parametrize("layer", [layer for layer in TRUNK if layer != "pool2"])
 def test_every_layer_of_the_trunk(tmp_path: Path, layer: str) -> None:
     result = export_network("vgg", layer, [], tmp_path / "a.onnx", offline=True)
     assert verify.passed(result.checks)
 
 
+@pytest.mark.usefixtures("small_probes")
 @pytest.mark.parametrize("layer", ["conv4_1", "relu4_3", "pool4", "conv5_2", "pool5"])
 def test_deep_layers(tmp_path: Path, layer: str, random_weights: Path) -> None:
     result = export_network("vgg", layer, ["pool5"], tmp_path / "a.onnx", weights=random_weights)
@@ -76,6 +79,7 @@ def test_deep_layers(tmp_path: Path, layer: str, random_weights: Path) -> None:
     assert result.contract.weights.source == "random.npz"
 
 
+@pytest.mark.usefixtures("small_probes")
 @pytest.mark.parametrize("opset", [11, 12, 13, 16, 18, 20])
 def test_opsets(tmp_path: Path, opset: int) -> None:
     result = export_network("vgg", "pool1", ["pool1"], tmp_path / "a.onnx", opset=opset, offline=True)

@@ -86,6 +86,7 @@ def cache(pytestconfig: pytest.Config) -> Path:
 
 
 @pytest.mark.network
+@pytest.mark.usefixtures("one_direction")
 @pytest.mark.parametrize("foreign", FILES, ids=lambda foreign: foreign.file)
 def test_the_gradient_agrees_with_central_differences(tmp_path: Path, cache: Path, foreign: Foreign) -> None:
     path = downloaded(foreign.package, foreign.file, cache)
@@ -102,6 +103,7 @@ def test_the_gradient_agrees_with_central_differences(tmp_path: Path, cache: Pat
     assert found.descriptors.shape[0] == len(found)
 
 
+@pytest.mark.usefixtures("one_direction")
 @pytest.mark.parametrize("name", LIGHT)
 def test_files_of_onnx_s_own_wheel(tmp_path: Path, name: str) -> None:
     path = Path(onnx.__file__).parent / "backend" / "test" / "data" / "light" / f"{name}.onnx"
