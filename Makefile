@@ -6,6 +6,9 @@ PIP = -m pip install --quiet --disable-pip-version-check --constraint constraint
 RUNTIME = .venv/runtime
 FULL = .venv/full
 
+# A worker per core; each is busy by itself, so torch's own threads would only wait for one another.
+PYTEST = -m pytest -q --numprocesses auto --maxprocesses 4 --dist worksteal
+
 .PHONY: demo test test-runtime test-full lint bench models clean
 
 demo: $(RUNTIME)/ready
@@ -18,10 +21,10 @@ test: lint test-runtime test-full
 
 # What a robot runs: the three base dependencies, no PyTorch, no onnx.
 test-runtime: $(RUNTIME)/ready
-	$(RUNTIME)/bin/python -m pytest -q -m "not torch"
+	$(RUNTIME)/bin/python $(PYTEST) -m "not torch"
 
 test-full: $(FULL)/ready
-	$(FULL)/bin/python -m pytest -q
+	OMP_NUM_THREADS=1 $(FULL)/bin/python $(PYTEST)
 
 lint: $(FULL)/ready
 	$(FULL)/bin/ruff check .
@@ -37,7 +40,7 @@ models: $(FULL)/ready
 $(RUNTIME)/ready: pyproject.toml constraints.txt
 	@echo "Setting up $(RUNTIME), once"
 	@$(PYTHON) -m venv $(RUNTIME)
-	@$(RUNTIME)/bin/python $(PIP) --editable . pytest hypothesis
+	@$(RUNTIME)/bin/python $(PIP) --editable . pytest pytest-xdist hypothesis
 	@touch $@
 
 # torch first: whichever build the package index gives (the CPU one is enough) satisfies the rest.

@@ -154,3 +154,7 @@ _ACTIONS = {
     "images": _images,
     "list": _list,
 }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

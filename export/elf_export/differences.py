@@ -8,16 +8,15 @@ ONNX Runtime on the model and takes seconds, and in float32 by ONNX Runtime else
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import onnx
 
 from elf_runtime.session import open_session
 
 from .cost import node_macs
+from .directional import FLOAT32, FLOAT64, Arithmetic, Array, Array64, Direction, Forward, along, grainy
 from .errors import VerificationError
 from .float64 import float64_forward
 from .foreign.free_sizes import Sizes, with_sizes
@@ -27,43 +26,6 @@ from .preprocessing import Preprocessing
 from .reference import preprocess
 from .saliency import GRADIENT, IMAGE, SALIENCY
 
-Array = npt.NDArray[np.float32]
-Array64 = npt.NDArray[np.float64]
-Forward = Callable[[Array64], Array64]
-
-# Two families of directions.  The signs of g, on a random half of the pixels, see a wrong factor or place with
-# a signal far above rounding; white noise sees what g lacks, but is nearly orthogonal to any g: in float32
-# its derivative drowns.
-SIGNS, NOISE = "signs of the gradient", "white noise"
-DIRECTIONS = 3  # of each family, on each image
-
-
-@dataclass(frozen=True)
-class Arithmetic:
-    """How differences are taken in one precision, and how well they must agree.
-
-    Attributes
-    ----------
-    steps : e, in standard deviations of the image for v of rms 1
-        Rounding errs like 1/e, curvature and switching ReLUs like e: of two neighbouring steps that agree
-        best the mean is taken, a choice that does not look at the gradient.
-    sizes : (height, width) of the images, about
-    families : of directions
-    typical, largest : of the errors over all directions, the bound on the median and on each
-    """
-
-    name: str
-    steps: tuple[float, ...]
-    sizes: tuple[tuple[int, int], ...]
-    families: tuple[str, ...]
-    typical: float
-    largest: float
-
-
-# In float64 both sides are, so that only a kink within a step is left of the error.
-FLOAT64 = Arithmetic("float64", (3e-8, 3e-7, 3e-6), ((48, 64), (53, 71)), (SIGNS, NOISE), 1e-6, 1e-3)
-FLOAT32 = Arithmetic("float32", (3e-5, 1e-4, 3e-4, 1e-3), ((96, 128), (101, 141)), (SIGNS,), 5e-3, 5e-2)
-
 AFFORDABLE = 2e9  # multiply-adds of one float64 pass; about half a second
 SAME_FORWARD = 1e-4  # of max |F|: the float64 evaluator computes what ONNX Runtime does
 # Of max S: the median pixel's difference between the file's S and the mean of float32's |g|.  It is 1e-7 but where
@@ -72,21 +34,6 @@ SAME_MAP = 5e-3
 # Of max |g|, float32's gradient against float64's: the median and 99 % of the pixels.  Where a ReLU switches
 # between the two, g differs over its whole receptive field, which for a deep layer is the image.
 ROUNDING, SWITCHED = 1e-2, 0.2
-
-
-@dataclass(frozen=True)
-class Direction:
-    """One derivative, measured and computed.
-
-    `error` is their difference, as a fraction of the larger of the computed derivative and of what a random
-    direction of this length has: ||g|| times the rms of v.
-    """
-
-    family: str
-    size: str
-    measured: float
-    computed: float
-    error: float
 
 
 @dataclass(frozen=True)
@@ -162,7 +109,7 @@ def check(
         map_errors.append(float(np.median(np.abs(found - wanted)) / wanted.max()))
         low, high = np.percentile(np.abs(g - g_exact) / np.abs(g_exact).max(), (50, 99))
         roundings.append((float(low), float(high)))
-        directions += _along(evaluate, x, g_exact, f"{size[1]}x{size[0]}", arithmetic, seed)
+        directions += along(evaluate, x, g_exact, f"{size[1]}x{size[0]}", arithmetic, seed)
     rounding, switched = (max(values) for values in zip(*roundings, strict=True))
     return Agreement(arithmetic, tuple(directions), max(map_errors), rounding, switched)
 
@@ -198,62 +145,6 @@ def _arithmetic(
         return lower
     same = found.shape == wanted.shape and np.abs(found - wanted).max() <= SAME_FORWARD * np.abs(wanted).max()
     return (in_float64, exactly, FLOAT64) if same else lower
-
-
-def _along(
-    forward: Forward, x: Array64, g: Array64, size: str, arithmetic: Arithmetic, seed: int
-) -> list[Direction]:
-    rng = np.random.default_rng(seed)
-    spread = float(x.std()) or 1.0
-    norm = float(np.sqrt((g * g).sum()))
-    result = []
-    for family in arithmetic.families:
-        for _ in range(DIRECTIONS):
-            v = _direction(family, g, rng)
-            v *= spread / np.sqrt((v * v).mean())
-            measured = _derivative(forward, x, v, arithmetic)
-            computed = float((g * v).sum())
-            error = abs(measured - computed) / max(abs(computed), norm * spread)
-            result.append(Direction(family, size, measured, computed, error))
-    return result
-
-
-def _direction(family: str, g: Array64, rng: np.random.Generator) -> Array64:
-    if family == NOISE:
-        return rng.standard_normal(g.shape)
-    signs = np.where(g != 0, np.sign(g), rng.choice([-1.0, 1.0], g.shape))
-    return np.asarray(signs * (rng.random(g.shape) < 0.5), np.float64)
-
-
-def _derivative(forward: Forward, x: Array64, v: Array64, arithmetic: Arithmetic) -> float:
-    """The derivative of phi along `v`, at the two neighbouring steps that agree best."""
-    found = [_difference(forward, x, v, step) for step in arithmetic.steps]
-    best = int(np.argmin(np.abs(np.diff(found))))
-    return (found[best] + found[best + 1]) / 2
-
-
-def _difference(forward: Forward, x: Array64, v: Array64, step: float) -> float:
-    ahead, behind = (x + sign * step * v for sign in (1, -1))
-    f_ahead, f_behind = forward(ahead), forward(behind)
-    # (a^2 - b^2) / 2 = (a - b) (a + b) / 2 keeps the digits that two large sums would lose.
-    return float(((f_ahead - f_behind) * (f_ahead + f_behind)).sum()) / (4 * step)
-
-
-def grainy(height: int, width: int, channels: int, seed: int) -> Array:
-    """A picture without ties: (H, W, C) float32 in 0..255, waves and edges under a fine grain.
-
-    Where two pixels of a pooling window are equal the derivative does not exist, and no two steps would agree.
-    """
-    rng = np.random.default_rng(seed)
-    y, x = np.mgrid[:height, :width]
-    picture = np.zeros((height, width, channels))
-    for _ in range(12):
-        fy, fx, phase = rng.normal(0, 0.25), rng.normal(0, 0.25), rng.uniform(0, 2 * np.pi)
-        wave = np.sin(fy * y + fx * x + phase)
-        picture += (np.sign(wave) if rng.random() < 0.5 else wave)[..., None] * rng.uniform(0.2, 1, channels)
-    picture += 0.3 * rng.standard_normal(picture.shape)
-    low, high = picture.min(), picture.max()
-    return np.asarray(255 * (picture - low) / (high - low), np.float32)
 
 
 def require(agreement: Agreement) -> None:

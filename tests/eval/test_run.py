@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +24,7 @@ from elf_eval.report.summary import keypoints, scene_means
 from elf_eval.results import Results
 from elf_eval.runner import Resources, run
 from elf_eval.suite import DatasetEntry, MethodEntry, Suite
+from helpers import ROOT
 
 SMALL = Protocol(size=(160, 120), max_keypoints=60)
 
@@ -342,3 +345,10 @@ def test_oxford_gives_the_known_figures(detector, known, shared, resources):
     figures = [100 * np.mean(list(scene_means(pairs, metric).values())) for metric in ("rep", "ms")]
     # A grey level's difference in the resized images, as between OpenCV's versions, moves these by up to 0.8.
     assert figures == pytest.approx(known, abs=0.9)
+
+
+def test_the_module_is_the_command():
+    folders = ":".join(str(ROOT / name) for name in ("evaluation", "runtime"))
+    command = [sys.executable, "-m", "elf_eval.cli", "list"]
+    done = subprocess.run(command, env={"PYTHONPATH": folders}, capture_output=True, text=True, check=True)
+    assert "datasets: hpatches" in done.stdout

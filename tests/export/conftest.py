@@ -8,6 +8,7 @@ import onnx
 import pytest
 import torch
 
+from elf_export import directional, verify
 from elf_export.forward import NETWORK_INPUT, torch_to_onnx
 from elf_export.networks import get_network
 from elf_export.saliency import build_saliency
@@ -30,3 +31,22 @@ def vgg() -> Exported:
     module = network.build(weights.tensors, ["pool2"])
     forward = torch_to_onnx(module, ["pool2"], 3)
     return Exported(module, forward, build_saliency(forward, "pool2", [], NETWORK_INPUT, network.preprocessing))
+
+
+@pytest.fixture
+def small_probes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The exporter verifies on 128x96 and 127x97 pixels, a third of its own: float64 convolutions take their time.
+
+    Every bound stays. What tests do without this fixture keeps the exporter's sizes covered.
+    """
+    right = verify.probe_images
+    monkeypatch.setattr(verify, "probe_images", lambda h, w, channels: right(h - 80, w - 112, channels))
+
+
+@pytest.fixture
+def one_direction(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The exporter takes one direction of each family on each image, not three: a third of the forward passes.
+
+    A wrong factor or place shows along any of them. Every bound stays.
+    """
+    monkeypatch.setattr(directional, "DIRECTIONS", 1)

