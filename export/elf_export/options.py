@@ -66,6 +66,11 @@ def parser() -> argparse.ArgumentParser:
         "0.75)",
     )
     p.add_argument(
+        "--keep-weights", action="store_true",
+        help="project by a convolution of its own: the layer's weights stay in the file as they were trained, for "
+        "other exports to find",
+    )  # fmt: skip
+    p.add_argument(
         "--calibration",
         metavar="FOLDER",
         help="images that --desc-dim and --precision are fitted to (default: photographs that come with the exporter)",
@@ -160,7 +165,7 @@ def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
             fail(f"--{name} has {len(getattr(args, name))} numbers, --color gray has one channel")
     if args.std is not None and min(map(abs, args.std)) == 0:
         fail("--std has a zero, by which the pixels would be divided")
-    for name in ("desc_reduce", "whiten"):
+    for name in ("desc_reduce", "whiten", "keep_weights"):
         if given(name) and args.desc_dim is None:
             fail(f"--{name.replace('_', '-')} goes with --desc-dim only")
     if args.calibration is not None and args.desc_dim is None and args.precision == "fp32":
@@ -206,7 +211,7 @@ def reduction_of(args: argparse.Namespace) -> Reduction | None:
 
     if args.desc_dim is None:
         return None
-    return Reduction(args.desc_dim, args.desc_reduce or "pca", args.whiten)
+    return Reduction(args.desc_dim, args.desc_reduce or "pca", args.whiten, args.keep_weights)
 
 
 def setting(text: str) -> tuple[str, Any]:

@@ -38,11 +38,14 @@ class Reduction:
     whiten : float in [0, 1], optional
         Each principal component is divided by its variance to the power of whiten / 2: 0 keeps distances, 1
         makes all variances the same.  By default 0.75, which matched best of VGG's layers on Oxford's images.
+    separate : bool
+        Project by a convolution of its own, and leave the layer's weights in the file as they were trained.
     """
 
     dim: int
     method: str = "pca"
     whiten: float | None = None
+    separate: bool = False
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:

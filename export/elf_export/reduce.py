@@ -64,7 +64,8 @@ def reduce_descriptors(
     images = calibration_set(calibration)
     projections = fit_layers(model, layers, reduction, images, spec, scale)
     model = project(
-        model, {descriptor_output(name): (p.matrix, -p.mean @ p.matrix) for name, p in projections.items()}
+        model, {descriptor_output(name): (p.matrix, -p.mean @ p.matrix) for name, p in projections.items()},
+        reduction.separate,
     )
     checks = verify_projection.verify_projection(model, maps, projections, spec)
     log(verify_projection.table(checks))
@@ -77,4 +78,5 @@ def arguments(reduction: Reduction | None) -> list[str]:
         return []
     words = ["--desc-dim", str(reduction.dim)]
     words += ["--desc-reduce", reduction.method] if reduction.method != "pca" else []
+    words += ["--keep-weights"] if reduction.separate else []
     return words + (["--whiten", f"{reduction.exponent:g}"] if reduction.method == "pca" else [])

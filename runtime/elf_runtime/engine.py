@@ -25,7 +25,7 @@ from .nms import greedy_nms
 from .ort_format import is_ort_format
 from .params import DetectionParams, preset
 from .refine import parabola_peaks
-from .session import Provider, bundled_model, open_session
+from .session import Provider, bundled_model, is_cpu, open_session
 from .subgraph import with_outputs
 from .threshold import blurred, passing
 
@@ -62,13 +62,15 @@ class ElfRuntime:
     Parameters
     ----------
     model : path or bytes, optional
-        A file that ``elf-export`` or `to_ort` wrote.  None is the bundled model, which works offline.
+        A file that ``elf-export`` or `to_ort` wrote.  None is the bundled model, which works offline: in int8 on ONNX
+        Runtime's CPU provider, in fp32 on others.
     providers : str, (str, options) or sequence of them, optional
         ONNX Runtime execution providers in order of preference, by short ("cuda") or full name.  None is the CPU.
     threads : int, optional
         Threads within an operator.  None is one per physical core.
-    spin : bool
-        Let idle threads spin between calls (faster by a few per cent, at a core each).
+    spin : bool, optional
+        Let idle threads spin within a call only (None), never (False: where other processes want the cores), or between
+        calls too (True: a core each).  Never costs some 15 % of the time on two cores.
     fallback : bool
         Where a provider is not installed or does not start: warn and go on with the next (True), or raise.
     sizes : int
@@ -105,11 +107,12 @@ class ElfRuntime:
         *,
         providers: Provider | Sequence[Provider] | None = None,
         threads: int | None = None,
-        spin: bool = False,
+        spin: bool | None = None,
         fallback: bool = False,
         sizes: int = 2,
     ) -> None:
-        self._source = bundled_model() if model is None else model
+        # Integers are for CPUs: other providers would convolve in floats, with roundings in between.
+        self._source = bundled_model("int8" if is_cpu(providers) else "fp32") if model is None else model
         self._options: dict[str, Any] = {
             "providers": providers, "threads": threads, "spin": spin, "fallback": fallback
         }  # fmt: skip
@@ -118,7 +121,7 @@ class ElfRuntime:
         self._divisible = not is_ort_format(self._source)
         self._sizes = sizes if self._divisible else 0
         # A session to check the model only, where each size gets its own; another provider has to show that it starts.
-        provisional = self._sizes > 0 and providers in (None, "cpu", "CPUExecutionProvider")
+        provisional = self._sizes > 0 and is_cpu(providers)
         session, self._name = open_session(self._source, **self._options, optimize=not provisional)
         metadata = session.get_modelmeta().custom_metadata_map
         self.contract = ModelContract.from_metadata(metadata, self._name)
@@ -166,8 +169,8 @@ class ElfRuntime:
         mask : (H, W) bool or integer array, optional
             Keypoints only where it is non-zero.
         preset : str, optional
-            "paper", "paper-webcam", "paper-robust" or "paper-components": start from the paper's settings
-            instead of the model's.
+            "fast", "default" (the model's own settings), "accurate", or the paper's: "paper", "paper-webcam",
+            "paper-robust", "paper-components".  Where to start from.
         scale : float
             Working scale: 0.5 lets the network see the image at half width and height.
         descriptor : str, optional
@@ -337,7 +340,7 @@ class ElfRuntime:
         SettingError
             On an unknown preset or setting, or a value out of range.
         """
-        base = self.contract.detection if name is None else preset(name, self.contract.network)
+        base = self.contract.detection if name in (None, "default") else preset(name, self.contract.network)
         return base.updated(**settings)
 
     def _prepare(self, array: npt.NDArray[Any], params: DetectionParams, mask: npt.ArrayLike | None) -> _Work:

@@ -15,7 +15,7 @@ from .errors import ModelError, ProviderError
 
 Provider = str | tuple[str, Mapping[str, Any]]
 
-BUNDLED_MODEL = "elf-vgg.onnx"
+BUNDLED = {"fp32": "elf-vgg.onnx", "int8": "elf-vgg-int8.onnx"}
 _SHORT_NAMES = {
     "cpu": "CPUExecutionProvider",
     "cuda": "CUDAExecutionProvider",
@@ -31,9 +31,18 @@ _SHORT_NAMES = {
 }
 
 
-def bundled_model() -> Path:
-    """Path of the model that comes with the package."""
-    return Path(str(resources.files(__package__) / "models" / BUNDLED_MODEL))
+def bundled_model(precision: str = "fp32") -> Path:
+    """Path of the model that comes with the package, in "fp32" or "int8": the same network, layers and settings."""
+    return Path(str(resources.files(__package__) / "models" / BUNDLED[precision]))
+
+
+def is_cpu(providers: Provider | Sequence[Provider] | None) -> bool:
+    """Whether ONNX Runtime's own CPU provider is asked for, and no other."""
+    if providers is None or isinstance(providers, str):
+        names: list[Any] = [providers or "cpu"]
+    else:
+        names = list(providers)
+    return all(name in ("cpu", "CPUExecutionProvider") for name in names)
 
 
 def resolve_providers(wanted: Provider | Sequence[Provider] | None, fallback: bool) -> list[Provider]:
@@ -80,7 +89,7 @@ def open_session(
     model: str | os.PathLike[str] | bytes,
     providers: Provider | Sequence[Provider] | None = None,
     threads: int | None = None,
-    spin: bool = False,
+    spin: bool | None = None,
     fallback: bool = False,
     profile: str | None = None,
     dims: Mapping[str, int] | None = None,
@@ -92,8 +101,9 @@ def open_session(
     ----------
     threads : int, optional
         Threads within an operator; None is one per physical core.
-    spin : bool
-        Let idle threads spin: a few per cent faster, and a core each burnt between calls.
+    spin : bool, optional
+        Let idle threads spin within a run, for the short serial parts between parallel ones (None), never (False; right
+        where other processes want the cores), or between runs as well (True; a core each).
     profile : str, optional
         File prefix for ONNX Runtime's profile.
     dims : mapping, optional
@@ -120,7 +130,8 @@ def open_session(
     options.log_severity_level = 3
     if threads is not None:
         options.intra_op_num_threads = threads
-    options.add_session_config_entry("session.intra_op.allow_spinning", "1" if spin else "0")
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0" if spin is False else "1")
+    options.add_session_config_entry("session.force_spinning_stop", "0" if spin else "1")
     for dim, size in (dims or {}).items():
         options.add_free_dimension_override_by_name(dim, size)
     if not optimize:

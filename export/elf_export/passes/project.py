@@ -17,7 +17,7 @@ Affine = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
 """matrix (D, d) and bias (d,): y = x @ matrix + bias"""
 
 
-def project(model: onnx.ModelProto, maps: Mapping[str, Affine]) -> onnx.ModelProto:
+def project(model: onnx.ModelProto, maps: Mapping[str, Affine], separate: bool = False) -> onnx.ModelProto:
     """Outputs (N, h, w, D) of `model`, each made by a Transpose, become (N, h, w, d): a 1x1 convolution before it.
 
     Where a convolution W * x + b makes the map and nothing else reads it, no node is added:
@@ -27,15 +27,17 @@ def project(model: onnx.ModelProto, maps: Mapping[str, Affine]) -> onnx.ModelPro
     ----------
     maps : mapping
         Output name -> its `Affine`.
+    separate : bool
+        Add the convolution in any case.
     """
     graph = Graph(model)
     for output, affine in maps.items():
         (last,) = (node for node in graph.nodes if output in node.output)
-        _project(graph, last, affine)
+        _project(graph, last, affine, separate)
     return cut(graph.model, [value.name for value in model.graph.output])
 
 
-def _project(graph: Graph, last: onnx.NodeProto, affine: Affine) -> None:
+def _project(graph: Graph, last: onnx.NodeProto, affine: Affine, separate: bool) -> None:
     matrix, bias = affine
     (output,) = last.output
     source = last.input[0]
@@ -44,7 +46,7 @@ def _project(graph: Graph, last: onnx.NodeProto, affine: Affine) -> None:
     made = graph.producers().get(source)
     inside = any(source in captured(node) for node in graph.nodes)
     outside = any(value.name == source for value in graph.model.graph.output)
-    free = len(graph.consumers()[source]) == 1 and not inside and not outside
+    free = not separate and len(graph.consumers()[source]) == 1 and not inside and not outside
     if free and made is not None and first == [0, 1, 2, 3] and _composed(graph, made, affine):
         projected = source
     else:

@@ -100,7 +100,10 @@ def add_detection_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--border", type=int, metavar="B", help="no keypoints within B pixels of the image's edges"
     )
-    group.add_argument("--preset", choices=PRESETS, help="settings of the ELF paper's experiments")
+    group.add_argument(
+        "--preset", choices=PRESETS,
+        help="fast, default (the model's own), accurate, or settings of the ELF paper's experiments",
+    )  # fmt: skip
     group.add_argument(
         "--scale", type=float, metavar="S", help="resize the image by S for the network (0.5 = half)"
     )

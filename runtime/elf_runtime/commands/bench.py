@@ -86,7 +86,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     _common.add_model_options(parser)
     parser.add_argument(
-        "--spin", action="store_true", help="let idle threads spin: pays where cores are free"
+        "--spin", action="store_true", help="let idle threads spin between runs too: pays where cores are free"
     )
     return parser
 
@@ -109,7 +109,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _work(args: argparse.Namespace) -> int:
     wanted = _peer_names(args.peers)
     args.threads = args.threads or usable_cores()
-    elf = ElfRuntime(args.model, providers=args.provider, threads=args.threads, spin=args.spin)
+    elf = ElfRuntime(args.model, providers=args.provider, threads=args.threads, spin=args.spin or None)
     photo = displayable(images.read(args.image)) if args.image else None
     report: dict[str, Any] = {
         "model": {

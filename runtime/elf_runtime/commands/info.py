@@ -21,7 +21,7 @@ from elf_runtime.errors import ElfError
 from elf_runtime.image import read
 from elf_runtime.onnx_file import OnnxFile, Tensor, read_onnx
 from elf_runtime.ort_format import is_ort_format, to_ort
-from elf_runtime.session import Provider, bundled_model, resolve_providers
+from elf_runtime.session import Provider, bundled_model, is_cpu, resolve_providers
 
 from . import _common
 from ._info_text import report_text
@@ -78,7 +78,7 @@ def _work(args: argparse.Namespace) -> int:
         raise _common.UsageError("--this-machine is for the file that --ort names")
     options = dict(map(_option, args.option))
     image = pattern() if args.image is None else read(args.image)
-    path = Path(args.model) if args.model else bundled_model()
+    path = Path(args.model) if args.model else bundled_model("int8" if is_cpu(args.provider) else "fp32")
     graph = None if is_ort_format(path) else _graph(read_onnx(path))
     report: dict[str, Any] = {"file": str(path), "bytes": path.stat().st_size, "graph": graph}
     failures: list[object] = []
