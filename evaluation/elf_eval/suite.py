@@ -91,6 +91,8 @@ class Suite:
     ----------
     variables : dict
         ``${NAME}`` in the methods' and datasets' texts; an environment variable of that name goes before.
+    groups : dict
+        Scenes under a common name, for tables by group.
     """
 
     methods: list[MethodEntry]
@@ -101,6 +103,7 @@ class Suite:
     tables: list[TableEntry] = field(default_factory=list)
     pictures: list[PictureEntry] = field(default_factory=list)
     variables: dict[str, str] = field(default_factory=dict)
+    groups: dict[str, list[str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.methods or not self.datasets:
@@ -142,7 +145,7 @@ class Suite:
     @classmethod
     def load(cls, path: Path) -> Suite:
         """From a TOML file: ``[protocol]``, ``[variables]``, ``[[method]]``, ``[[dataset]]``, ``[[table]]``,
-        ``[[picture]]``, ``title`` and ``note``.
+        ``[[picture]]``, ``[groups]``, ``title`` and ``note``.
 
         Raises
         ------
@@ -154,7 +157,7 @@ class Suite:
                 data = tomllib.load(file)
         except (OSError, tomllib.TOMLDecodeError) as error:
             raise EvalError(f"{path}: {error}") from error
-        known = {"title", "note", "protocol", "variables", "method", "dataset", "table", "picture"}
+        known = {"title", "note", "protocol", "variables", "method", "dataset", "table", "picture", "groups"}
         if unknown := set(data) - known:
             raise EvalError(f"{path}: unknown {sorted(unknown)}; known are {sorted(known)}")
         try:
@@ -167,6 +170,7 @@ class Suite:
                 tables=[_entry(TableEntry, d, "table") for d in data.get("table", [])],
                 pictures=[_entry(PictureEntry, d, "picture") for d in data.get("picture", [])],
                 variables=data.get("variables", {}),
+                groups=data.get("groups", {}),
             )
         except EvalError as error:
             raise EvalError(f"{path}: {error}") from error
