@@ -35,6 +35,8 @@ class MethodEntry:
         The row of the paper's tables that belongs beside it.
     optional : bool
         Leave it out, with a line in the report that says why, where it can't be opened.
+    family : str
+        What `elf-eval pareto` gives one marker.
     """
 
     name: str
@@ -42,6 +44,7 @@ class MethodEntry:
     descriptor: str | None = None
     paper: str | None = None
     optional: bool = False
+    family: str = "methods"
 
 
 @dataclass(frozen=True)
