@@ -205,9 +205,9 @@ def _mean(values: Mapping[str, float], names: Sequence[str]) -> float | None:
 
 
 def _point(entry: Mapping[str, Any]) -> Point:
+    made = {"milliseconds": Interval, "ratio": Interval, "keypoints": Keypoints}
     plain = {key: entry[key] for key in ("name", "family", "quality", "groups")}
-    times = {key: Interval(**entry[key]) for key in ("milliseconds", "ratio")}
-    return Point(**plain, **times, keypoints=Keypoints(**entry["keypoints"]))
+    return Point(**plain, **{key: make(**entry[key]) for key, make in made.items()})
 
 
 def _rounded(data: Any) -> Any:

@@ -35,7 +35,7 @@ def test_a_file_stands_without_its_folder_where_that_is_unambiguous():
         ("SIFT", ["SIFT"]),
         ("FAST + ORB", ["FAST", "+ ORB"]),
         ("elf:vgg.onnx?preset=paper&scale=1", ["elf:vgg.onnx?", "preset=paper&", "scale=1"]),
-        ("a paper: ELF-VGG int8", ["a paper: ELF-", "VGG int8"]),
+        ("the paper: ELF-VGG int8", ["the paper: ELF-", "VGG int8"]),
         ("x" * 40, ["x" * 16, "x" * 16, "x" * 8]),
         ("a" * 16 + "b" * 16 * 8 + "c" * 16, ["a" * 16, "...", "b" * 16, "c" * 16]),
     ],

@@ -23,12 +23,17 @@ from .base import Method, code_digest
 class Elf(Method):
     """``elf:FILE.onnx``, or ``elf`` for the bundled model.
 
-    Options: ``precision=fp32`` or ``int8`` (which of the bundled model's files), ``preset=paper``, ``descriptor=LAYER``, and every field of `elf_runtime.DetectionParams`
-    (``scale=0.5``, ``denoise=5,2``, ``threshold=kapur``, ``nms_radius=10`` ...).
+    Options: ``precision=fp32`` or ``int8`` (which of the bundled model's files), ``preset=paper``,
+    ``descriptor=LAYER``, and every field of `elf_runtime.DetectionParams` (``scale=0.5``, ``denoise=5,2``,
+    ``threshold=kapur``, ``nms_radius=10`` ...).
     """
 
     def __init__(self, spec: Spec, threads: int | None) -> None:
-        path = spec.file("ELF model") if spec.argument else bundled_model(spec.take("precision", _precision, "int8"))
+        path = (
+            spec.file("ELF model")
+            if spec.argument
+            else bundled_model(spec.take("precision", _precision, "int8"))
+        )
         self._preset = spec.take("preset", str, None) or None
         self._descriptor = spec.take("descriptor", str, None) or None
         self._settings = detection_changes(spec)
@@ -41,7 +46,8 @@ class Elf(Method):
         code = code_digest(*Path(elf_runtime.__file__).parent.glob("*.py"), __file__)
         self._nms_radius = params.nms_radius
         self.fingerprint = json.dumps(
-            ["elf", file_digest(path), self._descriptor, params.to_dict(), code, onnxruntime.__version__], sort_keys=True
+            ["elf", file_digest(path), self._descriptor, params.to_dict(), code, onnxruntime.__version__],
+            sort_keys=True,
         )
 
     def extract(self, image: Image, limit: int) -> LocalFeatures:

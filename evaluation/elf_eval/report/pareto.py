@@ -44,10 +44,8 @@ def markdown(study: Study) -> str:
 
 def _main(study: Study) -> Table:
     best = front(study.points)
-    header = [
-        "method", "front", "time, ms", f"ratio to {study.about['reference']}", "keypoints (least)", "rep", "ms", "MMA@3",
-        "H AUC@1 / 3 / 5",
-    ]  # fmt: skip
+    header = ["method", "front", "time, ms", f"ratio to {study.about['reference']}", "keypoints (least)"]
+    header += ["rep", "ms", "MMA@3", "H AUC@1 / 3 / 5"]
     rows = []
     for p in sorted(study.points, key=lambda p: p.milliseconds.value):
         auc = " / ".join(_percent(p.quality[f"h_auc@{t}"]) for t in (1, 3, 5))
