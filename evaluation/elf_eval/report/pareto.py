@@ -72,10 +72,11 @@ def draw(study: Study, path: Path) -> None:
     """Write the picture: time (logarithmic) against matching score, the front as a step line."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullLocator
 
     points = [p for p in study.points if p.score is not None]
     best = front(points)
-    figure = Figure(figsize=(8.0, 5.2), dpi=150, layout="constrained")
+    figure = Figure(figsize=(8.0, 5.6), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     axes.set_xscale("log")
@@ -100,7 +101,9 @@ def draw(study: Study, path: Path) -> None:
     axes.set_ylabel(
         f"matching score, % ({study.about['dataset']}, up to {study.about['max_keypoints']} keypoints)"
     )
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_locator(NullLocator())
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.25, which="major")
     axes.legend(frameon=False, fontsize=9, loc="lower right")
