@@ -121,6 +121,24 @@ def test_torch_is_left_out_with_a_reason() -> None:
     assert "not installed" in reason or "tiny" in reason
 
 
+@pytest.mark.torch
+def test_torch_is_held_against_the_float_twin_of_the_bundled_model(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("torch")
+    pytest.importorskip("onnx")
+    quick = ["--repeats", "1", "--warmup", "1", "--processes", "1", "--threads", "1", "--sizes", "64x96"]
+    assert main([*quick, "--peers", "torch", "--json", str(tmp_path / "b.json")]) == 0
+    (entry,) = json.loads((tmp_path / "b.json").read_text())["sizes"]
+    sides = [("elf_saliency", "elf_saliency_twin"), ("elf_saliency_twin", "torch"), ("elf_saliency", "torch")]
+    assert set(entry["ratios"]) == {f"{a} / {b}" for a, b in sides}
+    assert entry["saliency_agreement"]["precision"] == "fp32"
+    assert entry["saliency_agreement"]["share"] > 0.99
+    text = capsys.readouterr().out
+    assert "ELF saliency alone, int8 / torch autograd, the saliency in fp32: " in text
+    assert "ELF saliency alone, fp32 / torch autograd, the saliency in fp32: " in text
+
+
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the kernel has no VmHWM to read")
 def test_peak_memory_is_the_childs_own() -> None:
     # 400 MB in this process must not show in a fresh one, as they would in its ru_maxrss.

@@ -57,7 +57,9 @@ def build_parser(actions: Mapping[str, Callable[[argparse.Namespace], None]]) ->
     )
     one.add_argument("suite", help="TOML file: the methods to time; [groups] of scenes for a second table")
     one.add_argument("results", help="results.json of elf-eval run with that suite: the quality")
-    one.add_argument("--image", help="photograph to time on, resized as the datasets' images are")
+    one.add_argument(
+        "--image", required=True, help="photograph to time on, resized as the datasets' images are"
+    )
     one.add_argument("--out", required=True, help="FOLDER/NAME: writes NAME.json, NAME.md and NAME.png")
     one.add_argument("--picture", help="another place for the picture")
     one.add_argument("--reference", default="SIFT", help="what the ratios of times are to (%(default)s)")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 import sys
 from collections.abc import Sequence
@@ -99,10 +100,9 @@ def _compare(args: argparse.Namespace) -> None:
 def _pareto(args: argparse.Namespace) -> None:
     out = Path(args.out)
     data, page = out.with_name(f"{out.name}.json"), out.with_name(f"{out.name}.md")
+    picture = Path(args.picture) if args.picture else out.with_name(f"{out.name}.png")
     if args.redraw:
         found = Study.load(data)
-    elif args.image is None:
-        raise EvalError("--image: a photograph to time the methods on")
     else:
         suite, results = Suite.load(Path(args.suite)), Results.load(Path(args.results))
         found = study(
@@ -110,11 +110,12 @@ def _pareto(args: argparse.Namespace) -> None:
         )
         out.parent.mkdir(parents=True, exist_ok=True)
         found.save(data)
-    page.write_text(pareto_report.markdown(found))
     written = [data, page]
     if plots.available():
-        written.append(Path(args.picture) if args.picture else out.with_name(f"{out.name}.png"))
-        pareto_report.draw(found, written[-1])
+        pareto_report.draw(found, picture)
+        written.append(picture)
+    shown = Path(os.path.relpath(picture, page.parent)).as_posix() if picture.exists() else None
+    page.write_text(pareto_report.markdown(found, shown))
     print(page.read_text())
     print(f"written: {', '.join(map(str, written))}", file=sys.stderr)
 

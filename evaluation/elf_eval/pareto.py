@@ -160,6 +160,7 @@ def study(
             )
         )
     about = {
+        "note": suite.note,
         "dataset": dataset,
         "pairs": results.datasets[0]["pairs"],
         "max_keypoints": limit,

@@ -57,7 +57,7 @@ def place_labels(
         for point, text in zip(points, texts, strict=True)
     ]  # fmt: skip
     extents = [note.get_window_extent(renderer) for note in notes]
-    halves = np.array([(box.width, box.height) for box in extents]) / 2.0 + unit
+    halves = np.array([(box.width, box.height) for box in extents]) / 2.0 + (3.0 * unit, unit)
     taken = [_around(at, _MARKER * unit), *(_around(_along(line, _CELL * unit), unit) for line in lines)]
     if axes.get_legend() is not None:
         taken.append(_box(axes.get_legend().get_window_extent(renderer))[None])

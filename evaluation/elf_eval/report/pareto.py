@@ -23,8 +23,8 @@ _STYLES = [
 ]
 
 
-def markdown(study: Study) -> str:
-    """The page: what was measured, the table of all methods, and that of the groups of scenes."""
+def markdown(study: Study, picture: str | None = None) -> str:
+    """The page: what was measured, the picture, the table of all methods, and that of the groups of scenes."""
     about, machine = study.about, study.about["environment"]
     text = (
         f"Time: detection and description of {about['image']} at {about['width']}x{about['height']}, "
@@ -36,10 +36,12 @@ def markdown(study: Study) -> str:
         "Keypoints: the mean over images, and the least in brackets. "
         "On the front: no other method is both faster and better in ms."
     )
-    parts = ["# Time and matching score", text, _main(study).markdown()]
+    parts = ["# Time and matching score", about["note"], text]
+    parts += [f"![Time against matching score]({picture})"] if picture else []
+    parts.append(_main(study).markdown().rstrip())
     if any(p.groups for p in study.points):
-        parts.append(_groups(study).markdown())
-    return "\n\n".join(parts)
+        parts.append(_groups(study).markdown().rstrip())
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
 def _main(study: Study) -> Table:

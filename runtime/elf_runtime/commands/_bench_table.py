@@ -33,7 +33,8 @@ def table(report: Mapping[str, Any]) -> str:
 
 
 def _size_rows(entry: Mapping[str, Any]) -> list[str]:
-    rows = [f"{entry['height']}x{entry['width']}" + f"{'p50':>37}{'p95':>10}{'p99':>10} ms   keypoints"]
+    size = f"{entry['height']}x{entry['width']}"
+    rows = [f"{size:<36}{'p50':>10}{'p95':>10}{'p99':>10} ms   keypoints"]
     for name, seconds in entry["seconds"].items():
         owner, _, stage = name.partition(".")
         label = f"    {stage}" if stage else f"  {entry['titles'][owner]}"
