@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elf_runtime import DetectionParams
-from elf_runtime.threshold import kapur, normalized, passing, quantile, scores_and_mask
+from elf_runtime.threshold import blurred, kapur, normalized, passing, quantile, scores_and_mask
 
 
 def brute_force_kapur(counts: list[int]) -> tuple[int, dict[int, float]]:
@@ -128,3 +128,13 @@ def test_neither_zero_nor_nan_passes(threshold: str | float, smooth: type) -> No
     mask = passing(scores, levels, DetectionParams(threshold=threshold))
     assert not mask[:2].any()
     assert mask[12:].all()
+
+
+@pytest.mark.parametrize("denoise", [(1, 1.0), (3, 1.0)])
+def test_only_the_level_sees_the_cut(denoise: tuple[int, float]) -> None:
+    """What the quantile cuts off stays in the scores, and in the caller's map."""
+    saliency = np.random.default_rng(0).random((40, 50), np.float32)
+    before = saliency.copy()
+    scores, smooth = blurred(saliency, DetectionParams(denoise=denoise, normalize=0.5))
+    np.testing.assert_array_equal(saliency, before)
+    assert scores.max() > 255.0 >= smooth.max()

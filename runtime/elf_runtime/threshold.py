@@ -114,7 +114,7 @@ def blurred(saliency: Array, params: DetectionParams) -> tuple[Array, Array]:
         return scores, scores
     if params.normalize < 1.0 and not params.quantize:
         # Cut off for the level only: maxima cut off would be plateaus, without a place.
-        level_map = np.minimum(level_map, np.float32(255.0))
+        level_map = np.minimum(level_map, np.float32(255.0), out=None if scores is level_map else level_map)
     return scores, gaussian(level_map, params.threshold_blur)
 
 
