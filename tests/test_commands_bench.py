@@ -13,11 +13,12 @@ import pytest
 
 from elf_runtime.commands._contenders import Contender, synthetic, torch_peer
 from elf_runtime.commands._fresh import peak_memory
-from elf_runtime.commands._timing import interleaved, with_sum
+from elf_runtime.commands._timing import interleaved, with_sums
 from elf_runtime.commands.bench import main, sizes
 
 TINY = Path(__file__).parent / "data" / "tiny.onnx"
-STAGES = ("read", "prepare", "session", "blur", "threshold", "nms", "descriptors", "post-processing")
+STAGES = ("read", "prepare", "session", "blur", "threshold", "nms", "descriptors")
+SUMS = ("post-processing", "detect + describe")
 
 
 def bench(*arguments: object) -> int:
@@ -34,15 +35,16 @@ def test_reports_every_stage_and_peer(tmp_path: Path, capsys: pytest.CaptureFixt
     assert report["environment"]["threads"] == 1
     assert report["start_up"]["import_s"] > 0
     for entry in report["sizes"]:
-        assert {f"elf.{stage}" for stage in STAGES} <= set(entry["seconds"])
+        assert {f"elf.{stage}" for stage in (*STAGES, *SUMS)} <= set(entry["seconds"])
         assert {"elf", "elf_saliency", "sift", "orb"} <= set(entry["seconds"])
         assert all(len(samples) == 3 for samples in entry["samples"].values())
         assert all(s["p50"] <= s["p95"] <= s["p99"] for s in entry["seconds"].values())
         assert set(entry["keypoints"]) == {"elf", "sift", "orb"}
-        assert set(entry["ratios"]) == {"elf / sift", "elf / orb"}
+        assert set(entry["ratios"]) == {"elf.detect + describe / sift", "elf.detect + describe / orb"}
     text = capsys.readouterr().out
-    for expected in (*STAGES, "OpenCV SIFT", "synthetic, seed 0", "import", "load", "64x96", "elf / sift"):
+    for expected in (*STAGES, *SUMS, "OpenCV SIFT", "synthetic, seed 0", "import", "load", "64x96"):
         assert expected in text
+    assert "ELF detect + describe / OpenCV SIFT, at most 500 keypoints: " in text
     growth = text[text.index("per megapixel") :].splitlines()
     first, last, ratio = (float(row.split()[-1]) for row in (growth[1], growth[2], growth[3]))
     medians = [e["seconds"]["elf.post-processing"]["p50"] * 1e9 / (e["height"] * e["width"]) for e in report["sizes"]]
@@ -69,9 +71,9 @@ def test_rounds_rotate_and_drop_the_warm_up() -> None:
 
     samples, keypoints = interleaved([contender(n) for n in "abc"], warmup=1, repeats=2)
     assert "".join(log) == "abc" + "bca" + "cab"
-    assert list(samples) == ["a", "a.read", "a.nms", "a.blur", "a.post-processing", "b", "c"]
+    assert list(samples) == ["a", "a.read", "a.nms", "a.blur", "a.post-processing", "a.detect + describe", "b", "c"]
     assert all(len(values) == 2 for values in samples.values())
-    assert samples["a.post-processing"] == [5.0, 5.0]
+    assert samples["a.post-processing"] == samples["a.detect + describe"] == [5.0, 5.0]
     assert keypoints == {"a": 5}
 
 
@@ -81,8 +83,9 @@ def test_post_processing_is_what_follows_the_network() -> None:
         "nms": 2.0,
         "descriptors": 4.0,
     }
-    assert with_sum(stages)["post-processing"] == 7.0
-    assert with_sum({}) == {}
+    assert with_sums(stages)["post-processing"] == 7.0
+    assert with_sums(stages)["detect + describe"] == 207.0
+    assert with_sums({}) == {}
 
 
 def test_the_synthetic_image_is_textured_and_repeats() -> None:
@@ -116,6 +119,24 @@ def test_torch_is_left_out_with_a_reason() -> None:
     saliency, reason = torch_peer(str(TINY), 1)
     assert saliency is None
     assert "not installed" in reason or "tiny" in reason
+
+
+@pytest.mark.torch
+def test_torch_is_held_against_the_float_twin_of_the_bundled_model(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("torch")
+    pytest.importorskip("onnx")
+    quick = ["--repeats", "1", "--warmup", "1", "--processes", "1", "--threads", "1", "--sizes", "64x96"]
+    assert main([*quick, "--peers", "torch", "--json", str(tmp_path / "b.json")]) == 0
+    (entry,) = json.loads((tmp_path / "b.json").read_text())["sizes"]
+    sides = [("elf_saliency", "elf_saliency_twin"), ("elf_saliency_twin", "torch"), ("elf_saliency", "torch")]
+    assert set(entry["ratios"]) == {f"{a} / {b}" for a, b in sides}
+    assert entry["saliency_agreement"]["precision"] == "fp32"
+    assert entry["saliency_agreement"]["share"] > 0.99
+    text = capsys.readouterr().out
+    assert "ELF saliency alone, int8 / torch autograd, the saliency in fp32: " in text
+    assert "ELF saliency alone, fp32 / torch autograd, the saliency in fp32: " in text
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the kernel has no VmHWM to read")

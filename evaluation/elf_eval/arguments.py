@@ -52,6 +52,25 @@ def build_parser(actions: Mapping[str, Callable[[argparse.Namespace], None]]) ->
     )
     one.set_defaults(action=actions["compare"])
 
+    one = commands.add_parser(
+        "pareto", help="time against matching score: a table and a picture with the front"
+    )
+    one.add_argument("suite", help="TOML file: the methods to time; [groups] of scenes for a second table")
+    one.add_argument("results", help="results.json of elf-eval run with that suite: the quality")
+    one.add_argument(
+        "--image", required=True, help="photograph to time on, resized as the datasets' images are"
+    )
+    one.add_argument("--out", required=True, help="FOLDER/NAME: writes NAME.json, NAME.md and NAME.png")
+    one.add_argument("--picture", help="another place for the picture")
+    one.add_argument("--reference", default="SIFT", help="what the ratios of times are to (%(default)s)")
+    one.add_argument("--repeats", type=_positive, default=10, help="interleaved repetitions (%(default)s)")
+    one.add_argument("--warmup", type=_positive, default=2, help="rounds before (%(default)s)")
+    one.add_argument("--threads", type=_positive, default=2, help="of each method (%(default)s)")
+    one.add_argument(
+        "--redraw", action="store_true", help="page and picture from NAME.json, nothing is timed"
+    )
+    one.set_defaults(action=actions["pareto"])
+
     one = commands.add_parser("sweep", help="choose settings on some scenes, report on the others")
     one.add_argument(
         "--model", action="append", required=True, help="elf:FILE.onnx[?...]; one for each layer to try"

@@ -1,8 +1,9 @@
-"""``elf-eval``: run, report, compare, sweep, images, list."""
+"""``elf-eval``: run, report, compare, pareto, sweep, images, list."""
 
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 import sys
 from collections.abc import Sequence
@@ -20,8 +21,11 @@ from .datasets import DATASETS, open_dataset
 from .errors import EvalError
 from .methods import METHODS
 from .methods.opencv import OPENCV, installed
+from .pareto import Study, study
 from .protocol import Protocol
-from .report import write_pictures, write_report
+from .report import pareto as pareto_report
+from .report import plots, write_pictures, write_report
+from .report.names import without_folders
 from .results import Results
 from .runner import Resources, run
 from .suite import DatasetEntry, MethodEntry, Suite
@@ -93,6 +97,29 @@ def _compare(args: argparse.Namespace) -> None:
     print(comparing.table(comparing.compare(a, b, metrics, methods, args.unit)))
 
 
+def _pareto(args: argparse.Namespace) -> None:
+    out = Path(args.out)
+    data, page = out.with_name(f"{out.name}.json"), out.with_name(f"{out.name}.md")
+    picture = Path(args.picture) if args.picture else out.with_name(f"{out.name}.png")
+    if args.redraw:
+        found = Study.load(data)
+    else:
+        suite, results = Suite.load(Path(args.suite)), Results.load(Path(args.results))
+        found = study(
+            suite, results, Path(args.image), args.reference, args.repeats, args.warmup, args.threads
+        )
+        out.parent.mkdir(parents=True, exist_ok=True)
+        found.save(data)
+    written = [data, page]
+    if plots.available():
+        pareto_report.draw(found, picture)
+        written.append(picture)
+    shown = Path(os.path.relpath(picture, page.parent)).as_posix() if picture.exists() else None
+    page.write_text(pareto_report.markdown(found, shown))
+    print(page.read_text())
+    print(f"written: {', '.join(map(str, written))}", file=sys.stderr)
+
+
 def _sweep(args: argparse.Namespace) -> None:
     texts = sweeping.trials(args.model, sweeping.parse_grid(args.grid), args.limit, args.seed)
     tune = args.tune.split(",") if args.tune else None
@@ -122,10 +149,16 @@ def _list(_: argparse.Namespace) -> None:
 
 
 def _suite_by_hand(args: argparse.Namespace) -> Suite:
+    detectors, descriptors = args.detector or [], args.descriptor or []
+    names = dict(zip(texts := [*detectors, *descriptors], without_folders(texts), strict=True))
     methods = [
-        MethodEntry(f"{detector} + {descriptor}" if descriptor else detector, detector, descriptor)
-        for detector in args.detector or []
-        for descriptor in args.descriptor or [None]
+        MethodEntry(
+            f"{names[detector]} + {names[descriptor]}" if descriptor else names[detector],
+            detector,
+            descriptor,
+        )
+        for detector in detectors
+        for descriptor in descriptors or [None]
     ]
     datasets = [DatasetEntry(*_named(text)) for text in args.dataset or []]
     return Suite(methods, datasets, protocol=_protocol(args, Protocol(counts=("own",))))
@@ -150,6 +183,7 @@ _ACTIONS = {
     "run": _run,
     "report": _report,
     "compare": _compare,
+    "pareto": _pareto,
     "sweep": _sweep,
     "images": _images,
     "list": _list,

@@ -35,6 +35,8 @@ class MethodEntry:
         The row of the paper's tables that belongs beside it.
     optional : bool
         Leave it out, with a line in the report that says why, where it can't be opened.
+    family : str
+        What `elf-eval pareto` gives one marker.
     """
 
     name: str
@@ -42,6 +44,7 @@ class MethodEntry:
     descriptor: str | None = None
     paper: str | None = None
     optional: bool = False
+    family: str = "methods"
 
 
 @dataclass(frozen=True)
@@ -91,6 +94,8 @@ class Suite:
     ----------
     variables : dict
         ``${NAME}`` in the methods' and datasets' texts; an environment variable of that name goes before.
+    groups : dict
+        Scenes under a common name, for tables by group.
     """
 
     methods: list[MethodEntry]
@@ -101,6 +106,7 @@ class Suite:
     tables: list[TableEntry] = field(default_factory=list)
     pictures: list[PictureEntry] = field(default_factory=list)
     variables: dict[str, str] = field(default_factory=dict)
+    groups: dict[str, list[str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.methods or not self.datasets:
@@ -142,7 +148,7 @@ class Suite:
     @classmethod
     def load(cls, path: Path) -> Suite:
         """From a TOML file: ``[protocol]``, ``[variables]``, ``[[method]]``, ``[[dataset]]``, ``[[table]]``,
-        ``[[picture]]``, ``title`` and ``note``.
+        ``[[picture]]``, ``[groups]``, ``title`` and ``note``.
 
         Raises
         ------
@@ -154,7 +160,7 @@ class Suite:
                 data = tomllib.load(file)
         except (OSError, tomllib.TOMLDecodeError) as error:
             raise EvalError(f"{path}: {error}") from error
-        known = {"title", "note", "protocol", "variables", "method", "dataset", "table", "picture"}
+        known = {"title", "note", "protocol", "variables", "method", "dataset", "table", "picture", "groups"}
         if unknown := set(data) - known:
             raise EvalError(f"{path}: unknown {sorted(unknown)}; known are {sorted(known)}")
         try:
@@ -167,6 +173,7 @@ class Suite:
                 tables=[_entry(TableEntry, d, "table") for d in data.get("table", [])],
                 pictures=[_entry(PictureEntry, d, "picture") for d in data.get("picture", [])],
                 variables=data.get("variables", {}),
+                groups=data.get("groups", {}),
             )
         except EvalError as error:
             raise EvalError(f"{path}: {error}") from error

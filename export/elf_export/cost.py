@@ -5,7 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
 import onnx
+from onnx import helper
+
+from elf_runtime.session import open_session
 
 from .graph import Graph, attributes
 from .passes import cut
@@ -20,8 +24,37 @@ def macs_per_pixel(model: onnx.ModelProto, outputs: Sequence[str]) -> float:
     """
     needed = cut(model, outputs)
     height, width = fix_sizes(needed, needed.graph.input[0].name, "NHWC")
-    graph = Graph(needed)
-    return sum(node_macs(graph, node) for node in graph.nodes) / (height * width)
+    return sum(macs(needed)) / (height * width)
+
+
+def macs(model: onnx.ModelProto) -> list[float]:
+    """Multiply-adds of each node of a model whose input has a static size.
+
+    What shape inference does not tell, a run of the model on zeros does.
+    """
+    graph = Graph(model)
+    counted = [node.output[0] for node in graph.nodes if node.op_type in ("Conv", "MatMul", "Gemm")]
+    unknown = [name for name in counted if any(not isinstance(dim, int) for dim in graph.shape(name) or [None])]
+    if unknown:
+        sizes = _measured(graph, unknown)
+        for name, dims in sizes.items():
+            graph.model.graph.value_info.append(helper.make_tensor_value_info(name, graph.elem_type(name), dims))
+        graph = Graph(graph.model)
+    return [node_macs(graph, node) for node in graph.nodes]
+
+
+def _measured(graph: Graph, names: Sequence[str]) -> dict[str, list[int]]:
+    """The sizes that values have when the model runs on zeros."""
+    probe = Graph(graph.model)
+    outputs = [probe.op("Shape", name, name=f"{name}/measured") for name in names]
+    del probe.model.graph.output[:]
+    probe.model.graph.output.extend(
+        helper.make_tensor_value_info(name, onnx.TensorProto.INT64, [None]) for name in outputs
+    )
+    session, _ = open_session(probe.model.SerializeToString())
+    (source,) = session.get_inputs()
+    found = session.run(outputs, {source.name: np.zeros(source.shape, np.float32)})
+    return {name: [int(size) for size in dims] for name, dims in zip(names, found, strict=True)}
 
 
 def fix_sizes(model: onnx.ModelProto, image: str, layout: str) -> tuple[int, int]:

@@ -39,17 +39,29 @@ def sample(feature_map: Array, points: Array, stride: float, offset: float) -> A
     weights = [(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy]
     out = np.empty((len(x), dim), np.float32)
     step = max(1, _BLOCK // max(1, dim))
+    # The blocks share their buffers, which stay in the cache.  No index is out of range: "clip" only saves a check.
+    corner, wide = np.empty((min(step, len(x)), dim), np.float32), np.empty((min(step, len(x)), dim))
     for start in range(0, len(x), step):
         part = slice(start, start + step)
-        first, *others = (rows[at[part]] * weight[part] for at, weight in zip(corners, weights, strict=True))
-        for other in others:
-            first += other
-        out[part] = normalize_rows(first)
+        total = out[part]
+        term = corner[: len(total)]
+        np.take(rows, corners[0][part], axis=0, out=total, mode="clip")
+        total *= weights[0][part]
+        for at, weight in zip(corners[1:], weights[1:], strict=True):
+            np.take(rows, at[part], axis=0, out=term, mode="clip")
+            term *= weight[part]
+            total += term
+        total[...] = _unit(total, wide[: len(total)])
     return out
 
 
 def normalize_rows(rows: Array) -> Array:
     """Rows scaled to unit L2 norm; a row of zeros stays one.  (N, D) -> (N, D) float32."""
-    wide = rows.astype(np.float64)
+    return _unit(rows, np.empty(rows.shape)).astype(np.float32)
+
+
+def _unit(rows: Array, wide: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """`rows` at unit length, in float64, in `wide`."""
+    wide[...] = rows
     wide /= np.maximum(np.sqrt(np.einsum("nd,nd->n", wide, wide))[:, None], np.finfo(np.float32).tiny)
-    return wide.astype(np.float32)
+    return wide

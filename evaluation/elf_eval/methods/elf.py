@@ -15,6 +15,7 @@ from elf_eval.images import Image
 from elf_eval.settings import detection_changes
 from elf_eval.spec import Spec, file_digest
 from elf_runtime import ElfError, ElfRuntime, SettingError
+from elf_runtime.session import BUNDLED, bundled_model
 
 from .base import Method, code_digest
 
@@ -22,12 +23,17 @@ from .base import Method, code_digest
 class Elf(Method):
     """``elf:FILE.onnx``, or ``elf`` for the bundled model.
 
-    Options: ``preset=paper``, ``descriptor=LAYER``, and every field of `elf_runtime.DetectionParams`
-    (``scale=0.5``, ``denoise=5,2``, ``threshold=kapur``, ``nms_radius=10`` ...).
+    Options: ``precision=fp32`` or ``int8`` (which of the bundled model's files), ``preset=paper``,
+    ``descriptor=LAYER``, and every field of `elf_runtime.DetectionParams` (``scale=0.5``, ``denoise=5,2``,
+    ``threshold=kapur``, ``nms_radius=10`` ...).
     """
 
     def __init__(self, spec: Spec, threads: int | None) -> None:
-        path = spec.file("ELF model") if spec.argument else None
+        path = (
+            spec.file("ELF model")
+            if spec.argument
+            else bundled_model(spec.take("precision", _precision, "int8"))
+        )
         self._preset = spec.take("preset", str, None) or None
         self._descriptor = spec.take("descriptor", str, None) or None
         self._settings = detection_changes(spec)
@@ -37,11 +43,11 @@ class Elf(Method):
             self._runtime.contract.descriptor(self._descriptor)
         except (ElfError, SettingError) as error:
             raise EvalError(f"{spec.text}: {error}") from error
-        model = file_digest(path) if path else f"bundled {elf_runtime.__version__}"
         code = code_digest(*Path(elf_runtime.__file__).parent.glob("*.py"), __file__)
         self._nms_radius = params.nms_radius
         self.fingerprint = json.dumps(
-            ["elf", model, self._descriptor, params.to_dict(), code, onnxruntime.__version__], sort_keys=True
+            ["elf", file_digest(path), self._descriptor, params.to_dict(), code, onnxruntime.__version__],
+            sort_keys=True,
         )
 
     def extract(self, image: Image, limit: int) -> LocalFeatures:
@@ -58,3 +64,9 @@ class Elf(Method):
         return features.described(
             self._runtime.describe(image.pixels, features.keypoints, descriptor=self._descriptor, scale=scale)
         )
+
+
+def _precision(text: str) -> str:
+    if text not in BUNDLED:
+        raise ValueError(f"the bundled model is there in {', '.join(BUNDLED)}")
+    return text

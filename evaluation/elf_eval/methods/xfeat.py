@@ -40,6 +40,8 @@ class XFeat(Method):
         if threads is not None:
             options.intra_op_num_threads = threads
         options.log_severity_level = 3
+        # Threads that spin after a run would take the cores of whatever is timed next.
+        options.add_session_config_entry("session.force_spinning_stop", "1")
         try:
             self._session = ort.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime's own exceptions share no base of theirs

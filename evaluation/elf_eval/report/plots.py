@@ -12,6 +12,7 @@ from elf_eval.metrics.matching import MMA_THRESHOLDS
 from elf_eval.results import Results
 from elf_eval.suite import TableEntry
 
+from .names import wrapped
 from .summary import summarize
 from .tables import selected
 
@@ -76,7 +77,7 @@ def _bars(results: Results, dataset: dict[str, Any], methods: list[dict[str, Any
             axes.text(x, 1.5, f"{100 * value.mean:.1f}", ha="center", color="white", fontsize=8)
     if not axes.containers:
         return None
-    axes.set_xticks(range(len(names)), [n.replace(" + ", "\n+ ") for n in names], fontsize=8)
+    axes.set_xticks(range(len(names)), [wrapped(n, 16, 6) for n in names], fontsize=8)
     axes.set_ylim(0, 100)
     axes.set_ylabel("%")
     axes.set_title(_title(dataset, counts, "95 % bootstrap interval over scenes"), fontsize=9)
@@ -99,7 +100,7 @@ def _curves(results: Results, dataset: dict[str, Any], methods: list[dict[str, A
             points = [summarize([p for p in pairs if p.parameter == v], metric) for v in values]
             known = [(v, 100 * p.mean) for v, p in zip(values, points, strict=True) if p is not None]
             if known:
-                axes.plot(*zip(*known, strict=True), marker=_marker(i), label=method["name"])
+                axes.plot(*zip(*known, strict=True), marker=_marker(i), label=_legend(method))
         axes.set_xlabel(dataset["parameter"])
         axes.set_title(metric, fontsize=9)
         axes.set_ylim(0, 100)
@@ -120,7 +121,7 @@ def _mma(results: Results, dataset: dict[str, Any], methods: list[dict[str, Any]
         points = [summarize(pairs, f"mma@{t}") for t in MMA_THRESHOLDS]
         shown = [100 * p.mean for p in points if p is not None]
         if shown:
-            axes.plot(MMA_THRESHOLDS, shown, marker=_marker(i), label=method["name"])
+            axes.plot(MMA_THRESHOLDS, shown, marker=_marker(i), label=_legend(method))
     if not axes.lines:
         return None
     axes.set_xlabel("threshold (px)")
@@ -130,6 +131,10 @@ def _mma(results: Results, dataset: dict[str, Any], methods: list[dict[str, Any]
     axes.legend(frameon=False, fontsize=8, loc="lower right")
     _plain(axes)
     return figure
+
+
+def _legend(method: dict[str, Any]) -> str:
+    return wrapped(method["name"], 40, 3)
 
 
 def _errors(values: list[Estimate]) -> Any:

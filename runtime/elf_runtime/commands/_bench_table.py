@@ -33,19 +33,22 @@ def table(report: Mapping[str, Any]) -> str:
 
 
 def _size_rows(entry: Mapping[str, Any]) -> list[str]:
-    rows = [f"{entry['height']}x{entry['width']}" + f"{'p50':>37}{'p95':>10}{'p99':>10} ms   keypoints"]
+    size = f"{entry['height']}x{entry['width']}"
+    rows = [f"{size:<36}{'p50':>10}{'p95':>10}{'p99':>10} ms   keypoints"]
     for name, seconds in entry["seconds"].items():
         owner, _, stage = name.partition(".")
         label = f"    {stage}" if stage else f"  {entry['titles'][owner]}"
         times = "".join(f"{1e3 * seconds[p]:10.2f}" for p in ("p50", "p95", "p99"))
         count = "" if stage or owner not in entry["keypoints"] else f"{entry['keypoints'][owner]:15d}"
         rows.append(f"{label:<36}{times}{count}")
-    for name, ratio in entry["ratios"].items():
+    for pair, ratio in entry["ratios"].items():
+        name = " / ".join(_title(side, entry["titles"]) for side in pair.split(" / "))
         rows.append(f"  {name}: {ratio['value']:.3g} [{ratio['low']:.3g}, {ratio['high']:.3g}]")
     if "saliency_agreement" in entry:
-        share = 100 * entry["saliency_agreement"]
+        agreement = entry["saliency_agreement"]
+        share, precision = 100 * agreement["share"], agreement["precision"]
         rows.append(
-            f"  ELF's saliency and torch's agree to 1e-4 of the maximum at {share:.2f} % of the pixels"
+            f"  ELF's saliency in {precision} and torch's agree to 1e-4 of the maximum at {share:.2f} % of the pixels"
         )
     memory = entry["memory"]
     if memory["peak_detect_bytes"] is not None:
@@ -55,6 +58,12 @@ def _size_rows(entry: Mapping[str, Any]) -> list[str]:
         )
     rows.append(f"  first detection of a fresh process: {1e3 * memory['first_detect_s']:.0f} ms")
     return rows
+
+
+def _title(name: str, titles: Mapping[str, str]) -> str:
+    """``elf.detect + describe`` -> "ELF detect + describe"; ``sift`` -> its title."""
+    owner, _, stage = name.partition(".")
+    return f"{titles[owner].partition(',')[0]} {stage}" if stage else titles[owner]
 
 
 def _growth_rows(entries: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -36,17 +37,24 @@ class Contender:
     run: Callable[[], tuple[int | None, dict[str, float]]]
 
 
-def ours(elf: ElfRuntime, image: Image, file: Path) -> list[Contender]:
-    """Detection from an image file, stage by stage, and the saliency map alone."""
+def ours(elf: ElfRuntime, file: Path) -> Contender:
+    """Detection from an image file, stage by stage."""
 
     def detect() -> tuple[int | None, dict[str, float]]:
         trace = elf.trace(file)
         return len(trace.features), trace.seconds
 
-    return [
-        Contender("elf", "ELF, decode to descriptors", detect),
-        Contender("elf_saliency", "ELF saliency alone", _map_only(lambda x: elf.saliency(x, scale=1.0), image)),
-    ]
+    return Contender("elf", "ELF, decode to descriptors", detect)
+
+
+def saliencies(elf: ElfRuntime, twin: ElfRuntime | None, image: Image) -> list[Contender]:
+    """The saliency map alone, at full resolution: the model's, and that of its `twin` whose weights torch has."""
+    found = []
+    for name, model in (("elf_saliency", elf), ("elf_saliency_twin", twin)):
+        if model is not None:
+            title = f"ELF saliency alone, {model.contract.precision}"
+            found.append(Contender(name, title, _map_only(partial(model.saliency, scale=1.0), image)))
+    return found
 
 
 def peers(
@@ -56,7 +64,7 @@ def peers(
     found = []
     if "torch" in names and torch_saliency is not None:
         found.append(
-            Contender("torch", "torch autograd, the same saliency", _map_only(torch_saliency, image))
+            Contender("torch", "torch autograd, the saliency in fp32", _map_only(torch_saliency, image))
         )
     gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     for name in ("sift", "orb"):
@@ -79,7 +87,12 @@ def _opencv(detector: Any, gray: Any) -> Callable[[], tuple[int | None, dict[str
     return lambda: (len(detector.detectAndCompute(gray, None)[0]), {})
 
 
-def torch_peer(model: str | None, threads: int) -> tuple[Callable[[Image], Any] | None, str]:
+def float_model(model: str | None, torch_model: str | None) -> str:
+    """The file whose weights torch takes: the one that is given, else the model, else the bundled one in fp32."""
+    return torch_model or model or str(bundled_model("fp32"))
+
+
+def torch_peer(model: str, threads: int) -> tuple[Callable[[Image], Any] | None, str]:
     """The saliency function that `elf_export.torch_reference` rebuilds from the model, or why there is none.
 
     The exporter is asked for by name and only here: the runtime neither needs nor imports it, or torch.
@@ -91,7 +104,7 @@ def torch_peer(model: str | None, threads: int) -> tuple[Callable[[Image], Any] 
         return None, f"not installed ({error.name})"
     torch.set_num_threads(threads)
     try:
-        return reference.load(model or bundled_model()), f"torch {torch.__version__}"
+        return reference.load(model), f"torch {torch.__version__}"
     except Exception as error:  # the exporter's errors can't be named here
         return None, str(error)
 

@@ -22,7 +22,7 @@ from elf_runtime.statistics import paired_ratio, summary
 
 from . import _common
 from ._bench_table import table
-from ._contenders import PEERS, Image, ours, peers, synthetic, torch_peer
+from ._contenders import PEERS, Contender, Image, float_model, ours, peers, saliencies, synthetic, torch_peer
 from ._fresh import environment, peak_memory, start_up, usable_cores
 from ._timing import interleaved
 
@@ -30,7 +30,8 @@ DESCRIPTION = """\
 Time a model stage by stage, beside other detectors where they are installed.
 
 Every repetition runs each contender once, in an order that rotates, so that what slows the machine for a
-while slows all of them; ratios are medians over the repetitions' pairs, with a bootstrap interval of 95 %.
+while slows all of them; several sizes take turns too.  Ratios are medians over the repetitions' pairs, with a
+bootstrap interval of 95 %.
 Import time, load time and peak memory come from fresh processes.
 
 stages of ELF
@@ -40,11 +41,13 @@ stages of ELF
   blur         normalisation, and the two Gaussian blurs of the saliency
   threshold    the histogram's level, and what passes it
   nms          non-maximum suppression
-  descriptors  the map interpolated at the keypoints, unit length"""
+  descriptors  the map interpolated at the keypoints, unit length
+  post-processing is the last four; detect + describe is all but read, and what the ratios to sift and orb are of"""
 
 EPILOG = """\
 peers
-  torch        the same saliency by torch's autograd, with the model's weights (needs elf-onnx[export])
+  torch        the saliency by torch's autograd in fp32, with the model's weights (needs elf-onnx[export]).  The
+               bundled int8 model's are in its fp32 twin, whose graph is timed too; --torch-model names another's
   sift, orb    OpenCV's, detectAndCompute on the grey image, at most 500 keypoints"""
 
 
@@ -76,7 +79,7 @@ def build_parser() -> argparse.ArgumentParser:
         help="fresh processes for start-up; default: 5",
     )
     parser.add_argument(
-        "--peers", metavar="NAME,...", help="of torch, sift, orb, or none; default: those installed"
+        "--peers", metavar="NAME,...", help="of torch, sift, orb, or none: detection only; default: those installed"
     )
     parser.add_argument(
         "--torch-model", metavar="FILE", help="ELF model whose weights torch takes; default: --model"
@@ -109,7 +112,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _work(args: argparse.Namespace) -> int:
     wanted = _peer_names(args.peers)
     args.threads = args.threads or usable_cores()
-    elf = ElfRuntime(args.model, providers=args.provider, threads=args.threads, spin=args.spin or None)
+    elf = _open(args.model, args)
     photo = displayable(images.read(args.image)) if args.image else None
     report: dict[str, Any] = {
         "model": {
@@ -126,17 +129,29 @@ def _work(args: argparse.Namespace) -> int:
         "sizes": [],
         "peers": {},
     }
-    torch_saliency = None
-    with _opencv_threads(args.threads):
+    torch_saliency, twin = None, None
+    with _opencv_threads(args.threads), tempfile.TemporaryDirectory() as folder:
         if "torch" in wanted:
-            torch_saliency, note = torch_peer(args.torch_model or args.model, args.threads)
+            file = float_model(args.model, args.torch_model)
+            torch_saliency, note = torch_peer(file, args.threads)
             report["peers"]["torch"] = note
             if torch_saliency is None and args.peers:
                 raise _common.UsageError(f"--peers torch: {note}")
+            if torch_saliency is not None and file != args.model:
+                twin = _open(file, args)
+        lanes: list[_Lane] = []
         for height, width in args.sizes:
             image = synthetic(height, width) if photo is None else cv2.resize(photo, (width, height))
-            entry = _measure(elf, image, wanted, torch_saliency, args)
-            entry["memory"] = peak_memory(args.model, args.provider, args.threads, (height, width))
+            picture = Path(folder) / f"{len(lanes)}.png"
+            _common.write_picture(picture, image)
+            contenders = [ours(elf, picture), *(saliencies(elf, twin, image) if wanted else [])]
+            lanes.append(_Lane(image, [*contenders, *peers(wanted, image, torch_saliency)]))
+        _time(lanes, args)
+        for lane in lanes:
+            entry = _entry(lane)
+            if torch_saliency is not None:
+                entry["saliency_agreement"] = _agreement(lane.image, twin or elf, torch_saliency)
+            entry["memory"] = peak_memory(args.model, args.provider, args.threads, lane.image.shape[:2])
             report["sizes"].append(entry)
     print(table(report), file=sys.stderr if args.json == "-" else sys.stdout)
     if args.json:
@@ -166,32 +181,68 @@ def _opencv_threads(count: int) -> Iterator[None]:
         cv2.setNumThreads(before)
 
 
-def _measure(
-    elf: ElfRuntime, image: Image, wanted: Sequence[str], torch_saliency: Any, args: argparse.Namespace
-) -> dict[str, Any]:
-    """All contenders on one image: samples in seconds, their percentiles, and ratios."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "image.png"
-        _common.write_picture(file, image)
-        contenders = [*ours(elf, image, file), *peers(wanted, image, torch_saliency)]
-        samples, keypoints = interleaved(contenders, args.warmup, args.repeats)
+def _open(model: str | None, args: argparse.Namespace) -> ElfRuntime:
+    """With a session for every size: they take turns."""
+    options = {"providers": args.provider, "threads": args.threads, "spin": args.spin or None}
+    return ElfRuntime(model, **options, sizes=len(args.sizes))
+
+
+@dataclasses.dataclass
+class _Lane:
+    """What runs on the image of one size, and what was measured."""
+
+    image: Image
+    contenders: list[Contender]
+    samples: dict[str, list[float]] = dataclasses.field(default_factory=dict)
+    keypoints: dict[str, int] = dataclasses.field(default_factory=dict)
+
+
+def _time(lanes: list[_Lane], args: argparse.Namespace) -> None:
+    """Fill the lanes' samples; all sizes' contenders in one rotation."""
+    named = [
+        dataclasses.replace(contender, name=f"{i}:{contender.name}")
+        for i, lane in enumerate(lanes)
+        for contender in lane.contenders
+    ]
+    samples, keypoints = interleaved(named, args.warmup, args.repeats)
+    for i, lane in enumerate(lanes):
+        mine = f"{i}:"
+        lane.samples = {k.removeprefix(mine): v for k, v in samples.items() if k.startswith(mine)}
+        lane.keypoints = {k.removeprefix(mine): v for k, v in keypoints.items() if k.startswith(mine)}
+
+
+_RATIOS = (
+    ("elf.detect + describe", "sift"),
+    ("elf.detect + describe", "orb"),
+    ("elf_saliency", "elf_saliency_twin"),
+    ("elf_saliency_twin", "torch"),
+    ("elf_saliency", "torch"),
+)
+
+
+def _entry(lane: _Lane) -> dict[str, Any]:
+    """One size's part of the report: samples in seconds, their percentiles, and ratios."""
     ratios = {}
-    for first, second in (("elf_saliency", "torch"), ("elf", "sift"), ("elf", "orb")):
-        if second in samples:
-            ratios[f"{first} / {second}"] = dataclasses.asdict(paired_ratio(samples[first], samples[second]))
-    entry: dict[str, Any] = {
-        "height": image.shape[0],
-        "width": image.shape[1],
-        "keypoints": keypoints,
-        "titles": {c.name: c.title for c in contenders},
-        "seconds": {name: dataclasses.asdict(summary(values)) for name, values in samples.items()},
+    for first, second in _RATIOS:
+        if first in lane.samples and second in lane.samples:
+            ratio = paired_ratio(lane.samples[first], lane.samples[second])
+            ratios[f"{first} / {second}"] = dataclasses.asdict(ratio)
+    return {
+        "height": lane.image.shape[0],
+        "width": lane.image.shape[1],
+        "keypoints": lane.keypoints,
+        "titles": {c.name: c.title for c in lane.contenders},
+        "seconds": {name: dataclasses.asdict(summary(values)) for name, values in lane.samples.items()},
         "ratios": ratios,
-        "samples": samples,
+        "samples": lane.samples,
     }
-    if torch_saliency is not None:
-        reference, found = torch_saliency(image), elf.saliency(image, scale=1.0)
-        entry["saliency_agreement"] = float(np.mean(np.abs(found - reference) <= 1e-4 * reference.max()))
-    return entry
+
+
+def _agreement(image: Image, elf: ElfRuntime, torch_saliency: Any) -> dict[str, Any]:
+    """Share of the pixels where the graph that has torch's weights agrees with torch."""
+    reference, found = torch_saliency(image), elf.saliency(image, scale=1.0)
+    share = float(np.mean(np.abs(found - reference) <= 1e-4 * reference.max()))
+    return {"precision": elf.contract.precision, "share": share}
 
 
 if __name__ == "__main__":
