@@ -89,8 +89,11 @@ def measure(lower: bytes, full: bytes, images: CalibrationSet) -> Agreement:
             f"{means[0]:.3f}, at least {LEAST_CORRELATION:g} is wanted. No file was written."
         )
     described = bool(a.contract.descriptors)
-    last = (float(means[6]), float(means[7])) if described else (None, None)
-    return Agreement(*(float(v) for v in means[:6]), *last, float(np.median(times)))
+    correlation, near, count, count_fp32, rep, rep_fp32, ms, ms_fp32 = map(float, means)
+    return Agreement(
+        correlation, near, count, count_fp32, rep, rep_fp32, ms if described else None,
+        ms_fp32 if described else None, float(np.median(times)),
+    )  # fmt: skip
 
 
 def table(precision: str, a: Agreement) -> str:
@@ -101,8 +104,8 @@ def table(precision: str, a: Agreement) -> str:
         return f"{name:<8}{correlation:>12}{agreeing:>13}{keypoints:>11.0f}{rep:>7.1f}{score:>7}{time:>7}"
 
     lines = [
-        f"{'':8}{'correlation':>12}{'kpts < 1 px':>13}{'keypoints':>11}{'rep':>7}{'ms':>7}{'time':>7}   "
-        "(images, views of them; time on this CPU)",
+        f"{'':8}{'correlation':>12}{'kpts < 1 px':>13}{'keypoints':>11}{'rep':>7}{'ms':>7}{'time':>7}"
+        "   (images, views of them; time on this CPU)",
         row("fp32", "1", "100%", a.keypoints_fp32, a.rep_fp32, a.ms_fp32, "1"),
         row(precision, f"{a.correlation:.4f}", f"{a.agreeing:.1%}", a.keypoints, a.rep, a.ms, f"{a.time:.2f}"),
     ]

@@ -92,8 +92,8 @@ def test_a_mistake_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
         with pytest.raises(AssertionError):
             test_a_tie_goes_to_the_first_in_raster_order()
     with monkeypatch.context() as patch:
-        patch.setattr(phases, "is_rectified", lambda ctx, x: False)
-        patch.setattr(phases, "_is_masked", lambda grad, y: True)
+        patch.setattr(phases, "is_rectified", lambda _ctx, _x: False)
+        patch.setattr(phases, "_is_masked", lambda _grad, _y: True)
         with pytest.raises(AssertionError):
             test_a_seed_of_any_sign(["conv1", "relu", "pool"])
 

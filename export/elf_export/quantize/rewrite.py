@@ -50,8 +50,13 @@ def rewrite(model: onnx.ModelProto, schemes: Mapping[str, Scheme]) -> onnx.Model
 
 
 def candidates(model: onnx.ModelProto) -> list[str]:
-    """The values that may need a scheme of their own: convolutions' inputs and results, and what combines such."""
+    """The values that may need a scheme of their own: convolutions' inputs and results, and what combines such.
+
+    None where no convolution gains from 8 bits.
+    """
     graph = Graph(model)
+    if not any(_is_convolution(graph, node) for node in graph.nodes):
+        return []
     readers = graph.consumers()
     found: dict[str, None] = {}
     for node in graph.nodes:
