@@ -99,7 +99,9 @@ def measure(lower: bytes, full: bytes, images: CalibrationSet) -> Agreement:
 def table(precision: str, a: Agreement) -> str:
     """The agreement as a small text table."""
 
-    def row(name: str, correlation: str, agreeing: str, keypoints: float, rep: float, ms: float | None, time: str) -> str:
+    def row(
+        name: str, correlation: str, agreeing: str, keypoints: float, rep: float, ms: float | None, time: str
+    ) -> str:
         score = "-" if ms is None else f"{ms:.1f}"
         return f"{name:<8}{correlation:>12}{agreeing:>13}{keypoints:>11.0f}{rep:>7.1f}{score:>7}{time:>7}"
 
