@@ -297,8 +297,9 @@ def test_masks_are_exact(network: Network) -> None:
     model, lowered, x = network
     graph, made = Graph(model), {node.name for node in lowered.graph.node}
     makers = graph.producers()
-    steps = [node for node in graph.nodes if node.op_type == "HardSigmoid" and f"{node.output[0]}/q" in made]
-    signs = [node for node in graph.nodes if node.op_type == "Sign" and f"{node.output[0]}/q" in made]
+    masks = [node for node in graph.nodes if node.op_type == "HardSigmoid" and f"{node.output[0]}/q" in made]
+    steps = [node for node in masks if makers[node.input[0]].name.endswith("_difference")]
+    signs = [node for node in masks if node not in steps]
     sources = {n.output[0]: makers[n.input[0]].input[0] for n in steps} | {n.output[0]: n.input[0] for n in signs}
     if not sources:
         pytest.skip("no ReLU or max-pool of rounded values")
@@ -307,7 +308,7 @@ def test_masks_are_exact(network: Network) -> None:
     for node in (*steps, *signs):
         mask, source = node.output[0], sources[node.output[0]]
         q = torch.tensor(found[f"{source}/q"].astype(np.float64))
-        if node.op_type == "Sign":
+        if node in signs:
             wanted = q > 0
         else:
             difference = makers[node.input[0]]
@@ -321,7 +322,8 @@ def test_masks_are_exact(network: Network) -> None:
 
 def steps_in(model: onnx.ModelProto) -> set[str]:
     """The differences that a HardSigmoid makes masks of."""
-    return {node.input[0] for node in model.graph.node if node.op_type == "HardSigmoid"}
+    found = {node.input[0] for node in model.graph.node if node.op_type == "HardSigmoid"}
+    return {name for name in found if name.endswith("_difference")}
 
 
 def with_rounded_weights(model: onnx.ModelProto) -> onnx.ModelProto:
@@ -540,6 +542,15 @@ def test_what_is_not_two_dimensional_stays_in_floats() -> None:
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
     assert candidates(model) == []
     assert [n.op_type for n in rewrite(model, {}).graph.node] == ["Conv"]
+
+
+def test_a_clip_reaches_its_bound_whatever_was_seen() -> None:
+    """Levels that end below it would let gradients pass where the network saturates."""
+    model, x = saliency(NETWORKS["clipped"]), images()
+    schemes = schemes_of(model, x) | {"v1": Scheme(0.3 / 255)}
+    found = rounded_values(rewrite(model, schemes))["v1"]
+    assert found == reaching(1.0)
+    assert np.float32(found.scale) * np.float32(255) == 1
 
 
 @pytest.mark.parametrize(

@@ -101,7 +101,7 @@ class _Rewriter:
                 self._convolution(node)
         elif node.op_type == "HardSigmoid" and self._is_step(node):
             self._step(node, self.makers[node.input[0]])
-        elif node.op_type == "Sign" and self._sign(node):
+        elif (node.op_type == "Sign" or _is_steep(node)) and self._sign(node):
             pass
         elif not (node.op_type in MOVING and self._moved(node)):
             self._keep(node)
@@ -237,6 +237,7 @@ class _Rewriter:
     # -- steps -------------------------------------------------------------------------------------------------
 
     def _is_step(self, node: onnx.NodeProto) -> bool:
+        """Whether the HardSigmoid makes a mask of a difference of its own."""
         maker = self.makers.get(node.input[0])
         return maker is not None and _is_convolution(self.graph, maker) and _makes_step(self.readers, maker)
 
@@ -254,7 +255,7 @@ class _Rewriter:
         self.masks.add(node.output[0])
 
     def _sign(self, node: onnx.NodeProto) -> bool:
-        """sign(x) of values that are never negative, as a step; False where it is none."""
+        """[x > 0] of values that are never negative, as a step; False where it is none."""
         x, shape = node.input[0], self.graph.shape(node.input[0]) or []
         scheme = self.rounding.get(x)
         if scheme is None or not self._is_rounded(x) or scheme.zero or len(shape) != 4 or not isinstance(shape[1], int):
@@ -308,10 +309,14 @@ def _is_convolution(graph: Graph, node: onnx.NodeProto) -> bool:
 def _makes_step(readers: Mapping[str, list[onnx.NodeProto]], node: onnx.NodeProto) -> bool:
     """Whether all that reads the node is one HardSigmoid so steep that it is a step at zero."""
     after = _only_reader(readers, node.output[0])
-    if after is None or after.op_type != "HardSigmoid" or len(node.input) > 2:
-        return False
-    given = attributes(after)
-    return bool(given.get("alpha", 0.2) >= STEEP and -1.0 <= given.get("beta", 0.5) <= 0.0)
+    return after is not None and len(node.input) == 2 and _is_steep(after)
+
+
+def _is_steep(node: onnx.NodeProto) -> bool:
+    """A HardSigmoid so steep that it is a step at zero."""
+    given = attributes(node)
+    steep = given.get("alpha", 0.2) >= STEEP and -1.0 <= given.get("beta", 0.5) <= 0.0
+    return bool(node.op_type == "HardSigmoid" and steep)
 
 
 def _only_reader(readers: Mapping[str, list[onnx.NodeProto]], name: str) -> onnx.NodeProto | None:
