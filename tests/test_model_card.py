@@ -8,21 +8,35 @@ from pathlib import Path
 
 import pytest
 
-from elf_runtime import ElfRuntime
-from elf_runtime.session import bundled_model
+from elf_runtime import ElfRuntime, preset
+from elf_runtime.session import BUNDLED, bundled_model
 from helpers import ROOT
 
 CARD = (ROOT / "models" / "README.md").read_text(encoding="utf-8")
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("[dm]*/*.md"), *ROOT.glob("examples/*.md")])
 
 
-def test_the_file_is_the_one_described() -> None:
-    data = bundled_model().read_bytes()
-    row = re.search(r"\| file \| ([\d ]+) bytes, SHA-256 `([0-9a-f]{64})` \|", CARD)
-    assert row is not None, "models/README.md has no row: | file | N bytes, SHA-256 `...` |"
+@pytest.mark.parametrize(("label", "precision"), [("file", "fp32"), ("int8 file", "int8")])
+def test_the_file_is_the_one_described(label: str, precision: str) -> None:
+    data = bundled_model(precision).read_bytes()
+    row = re.search(rf"^\| {label} \| ([\d ]+) bytes, SHA-256 `([0-9a-f]{{64}})` \|$", CARD, re.MULTILINE)
+    assert row is not None, f"models/README.md has no row: | {label} | N bytes, SHA-256 `...` |"
     assert row[2] == hashlib.sha256(data).hexdigest()
     assert int(row[1].replace(" ", "")) == len(data)
-    assert len(data) <= 9_000_000
+
+
+def test_both_files_are_small_and_one_network() -> None:
+    assert sum(bundled_model(precision).stat().st_size for precision in BUNDLED) <= 10_000_000
+    full, lower = (ElfRuntime(bundled_model(precision)).contract for precision in ("fp32", "int8"))
+    assert (full.precision, lower.precision) == ("fp32", "int8")
+    assert (lower.network, lower.layer, lower.stride, lower.input) == (
+        full.network, full.layer, full.stride, full.input
+    )  # fmt: skip
+    assert lower.detection == full.detection == preset("default")
+    assert [(d.layer, d.dim, d.stride, d.offset, d.reduction) for d in lower.descriptors] == [
+        (d.layer, d.dim, d.stride, d.offset, d.reduction) for d in full.descriptors
+    ]
+    assert lower.weights == full.weights
 
 
 def test_the_contract_is_the_one_described() -> None:

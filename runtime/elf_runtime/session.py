@@ -38,11 +38,18 @@ def bundled_model(precision: str = "fp32") -> Path:
 
 def is_cpu(providers: Provider | Sequence[Provider] | None) -> bool:
     """Whether ONNX Runtime's own CPU provider is asked for, and no other."""
-    if providers is None or isinstance(providers, str):
-        names: list[Any] = [providers or "cpu"]
-    else:
-        names = list(providers)
-    return all(name in ("cpu", "CPUExecutionProvider") for name in names)
+    names = (entry if isinstance(entry, str) else entry[0] for entry in _entries(providers or "cpu"))
+    return all(_full_name(name) == "CPUExecutionProvider" for name in names)
+
+
+def _entries(wanted: Provider | Sequence[Provider]) -> Sequence[Any]:
+    """The providers as a sequence."""
+    pair = isinstance(wanted, tuple) and len(wanted) == 2 and isinstance(wanted[1], Mapping)
+    return [wanted] if isinstance(wanted, str) or pair else list(wanted)
+
+
+def _full_name(name: object) -> str:
+    return _SHORT_NAMES.get(str(name).lower(), str(name))
 
 
 def resolve_providers(wanted: Provider | Sequence[Provider] | None, fallback: bool) -> list[Provider]:
@@ -62,17 +69,14 @@ def resolve_providers(wanted: Provider | Sequence[Provider] | None, fallback: bo
     """
     if wanted is None:
         return ["CPUExecutionProvider"]
-    is_single = isinstance(wanted, str) or (
-        isinstance(wanted, tuple) and len(wanted) == 2 and isinstance(wanted[1], Mapping)
-    )
-    entries: Sequence[Any] = [wanted] if is_single else list(wanted)
+    entries = _entries(wanted)
     if not entries:
         raise ProviderError("the list of providers is empty; leave it out to run on the CPU")
     available, known = ort.get_available_providers(), ort.get_all_providers()
     chosen: list[Provider] = []
     for entry in entries:
         name, options = (entry, None) if isinstance(entry, str) else (entry[0], dict(entry[1]))
-        full = _SHORT_NAMES.get(str(name).lower(), str(name))
+        full = _full_name(name)
         if full not in known and full not in available:
             raise ProviderError(f"unknown provider {name!r}; installed are {available}")
         if full not in available:

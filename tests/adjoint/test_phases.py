@@ -59,6 +59,14 @@ def by_torch(layers: list[str], kernels: dict[str, np.ndarray], x: np.ndarray) -
     return gradient.numpy()
 
 
+def evaluated(graph: Graph, value: str, x: np.ndarray, **feed: np.ndarray) -> np.ndarray:
+    """A value of the graph in float64, by ONNX's reference evaluator."""
+    del graph.model.graph.output[:]
+    graph.model.graph.output.append(helper.make_tensor_value_info(value, TensorProto.DOUBLE, None))
+    (found,) = ReferenceEvaluator(graph.model).run(None, {"x": x, **feed})
+    return np.asarray(found)
+
+
 CHAINS = {
     "one pool": ["conv1", "relu", "pool"],
     "two convolutions before a pool": ["conv1", "relu", "conv2", "relu", "pool"],
@@ -74,10 +82,14 @@ CHAINS = {
 }
 
 
-@pytest.mark.parametrize("name", CHAINS)
-@pytest.mark.parametrize("kernel", [(3, 3), (1, 1), (5, 3), (2, 4), (1, 7)])
-@pytest.mark.parametrize("size", [(12, 16), (13, 17), (15, 12)])
-def test_exact_in_float64(name: str, kernel: tuple[int, int], size: tuple[int, int]) -> None:
+KERNELS = [(3, 3), (1, 1), (5, 3), (2, 4), (1, 7)]
+SIZES = [(12, 16), (13, 17), (15, 12)]
+
+
+def problem(
+    name: str, kernel: tuple[int, int], size: tuple[int, int]
+) -> tuple[list[str], dict[str, np.ndarray], np.ndarray, int]:
+    """A chain's layers, its kernels, two images (the second with ties), and the seed they were drawn by."""
     layers = CHAINS[name]
     seed = zlib.crc32(repr((name, kernel, size)).encode())
     rng = np.random.default_rng(seed)
@@ -91,13 +103,18 @@ def test_exact_in_float64(name: str, kernel: tuple[int, int], size: tuple[int, i
     x = textured(*size, seed=1).astype(np.float64).transpose(2, 0, 1)[None] / 50 - 2
     x = np.concatenate([x, np.round(x[:, :, ::-1])])  # the second with ties
     x[1, :, : size[0] // 2] = 1.0
+    return layers, kernels, x, seed
 
+
+@pytest.mark.parametrize("name", CHAINS)
+@pytest.mark.parametrize("kernel", KERNELS)
+@pytest.mark.parametrize("size", SIZES)
+def test_exact_in_float64(name: str, kernel: tuple[int, int], size: tuple[int, int]) -> None:
+    layers, kernels, x, seed = problem(name, kernel, size)
     graph = Graph(chain(layers, kernels))
     gradient = build_adjoint(graph, graph.model.graph.output[0].name, "x")
     assert any(node.name.endswith("/dx_00") for node in graph.nodes)  # the pool did split
-    del graph.model.graph.output[:]
-    graph.model.graph.output.append(helper.make_tensor_value_info(gradient, TensorProto.DOUBLE, None))
-    (found,) = ReferenceEvaluator(graph.model).run(None, {"x": x})
+    found = evaluated(graph, gradient, x)
     wanted = by_torch(layers, kernels, x)
     assert found.shape == wanted.shape
     assert np.abs(found - wanted).max() <= 1e-10 * np.abs(wanted).max(), f"seed {seed}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import runpy
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +17,9 @@ from elf_export.networks import get_network
 from elf_export.networks.vgg import LAYERS, tensor_shapes
 from elf_export.reference import torch_saliency
 from elf_export.saliency import build_saliency
-from elf_runtime import ElfRuntime
-from helpers import shared, textured
+from elf_runtime import ElfRuntime, preset
+from elf_runtime.session import BUNDLED, bundled_model
+from helpers import ROOT, shared, textured
 from seeded import evaluator64, seeded_weights
 
 TRUNK = LAYERS[: LAYERS.index("pool3") + 1]
@@ -204,22 +207,26 @@ def test_the_verification_images_have_ties_and_keypoints() -> None:
         assert flat > 0.1 if label == "cartoon" else flat < 0.01
 
 
-def test_the_bundled_model_is_made_by_its_script(tmp_path: Path) -> None:
-    """Tensor for tensor: the weights in the package are Oxford's, and the contract says how to make it again."""
-    elf = ElfRuntime()
-    c = elf.contract
-    assert (c.network, c.layer) == ("vgg", "pool1")
-    result = export_network(
-        "vgg", c.layer, [d.layer for d in c.descriptors], tmp_path / "again.onnx", offline=True, detection=c.detection
-    )
-    from elf_runtime.session import bundled_model
-
-    again, bundled = onnx.load(result.path), onnx.load(bundled_model())
-    assert bundled_model().stat().st_size <= 9_000_000
+@pytest.mark.parametrize("precision", BUNDLED)
+def test_the_bundled_models_are_made_by_their_script(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, precision: str
+) -> None:
+    """Node for node and tensor for tensor, from the weights in the package."""
+    script = runpy.run_path(str(ROOT / "tools" / "make_bundled_model.py"))
+    monkeypatch.setattr(sys, "argv", ["make_bundled_model.py"])
+    globals_ = script["main"].__globals__
+    monkeypatch.setitem(globals_, "BUNDLED", {precision: BUNDLED[precision]})
+    monkeypatch.setitem(globals_, "bundled_model", lambda _: tmp_path / "again.onnx")
+    monkeypatch.setenv("ELF_OFFLINE", "1")
+    assert script["main"]() == 0
+    again, bundled = onnx.load(tmp_path / "again.onnx"), onnx.load(bundled_model(precision))
     assert [n.SerializeToString() for n in again.graph.node] == [n.SerializeToString() for n in bundled.graph.node]
     tensors = [{t.name: t.SerializeToString() for t in m.graph.initializer} for m in (again, bundled)]
     assert tensors[0] == tensors[1]
-    assert result.contract.weights == c.weights
+    its, ours = (ElfRuntime(path).contract for path in (tmp_path / "again.onnx", bundled_model(precision)))
+    assert (its.layer, its.precision, its.command) == (ours.layer, precision, ours.command)
+    assert its.weights == ours.weights
+    assert its.detection == ours.detection == preset("default")
 
 
 def test_real_weights_serve_the_paper_s_setting(tmp_path: Path) -> None:

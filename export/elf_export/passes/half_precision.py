@@ -44,7 +44,8 @@ def half_precision(model: onnx.ModelProto) -> onnx.ModelProto:
                 continue
             value = graph.constant(name)
             if name not in renamed and value is not None:
-                renamed[name] = graph.const(value.astype(np.float16), f"{name}/fp16")
+                with np.errstate(over="ignore"):  # infinite then, as is the saliency, which is looked at
+                    renamed[name] = graph.const(value.astype(np.float16), f"{name}/fp16")
             elif name not in renamed and name in outside:
                 renamed[name] = graph.op("Cast", name, name=f"{name}/fp16", to=TensorProto.FLOAT16)
             node.input[i] = renamed.get(name, name)

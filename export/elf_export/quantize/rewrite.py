@@ -1,7 +1,8 @@
 """A float graph to one in 8-bit integers, as QuantizeLinear and DequantizeLinear pairs around its nodes.
 
-Where a value is rounded, ALL its readers get the rounded one: the two sides of every comparison (a max-pool's
-winner, a ReLU's sign) are the same numbers, and the graph differentiates the rounded network.
+Where a value is rounded as it is made, ALL its readers get the rounded one: the two sides of every comparison (a
+max-pool's winner, a ReLU's sign) are the same numbers, and the graph differentiates the rounded network.  A value that
+comes from floats is rounded for convolutions alone, for the same reason.
 
 The steps [d > 0] that mask gradients, and products with them, cost nothing in precision: a convolution that
 takes the difference d of two rounded values and is rounded itself, so coarsely that one level of difference
@@ -18,7 +19,7 @@ import onnx
 from elf_export.graph import Graph, attributes
 from elf_export.passes import cut
 
-from .scheme import MASK, Scheme, weights
+from .scheme import MASK, Scheme, reaching, weights
 
 # Ops that only move values, or choose among them: a result has the scheme of what it is made from.
 MOVING = frozenset({
@@ -32,6 +33,7 @@ STEEP = 1e20  # a HardSigmoid from that slope on is a step
 FINE = 16.0  # how much finer small gradients are kept than large ones
 # What ONNX Runtime's 8-bit convolutions on x86 are fast for: channels of the input, and of the result, in such numbers.
 DEPTH, BREADTH = 4, 16
+WORTH = 10  # multiply-adds for each value that is read or written: with fewer, rounding costs more than is saved
 
 
 def rewrite(model: onnx.ModelProto, schemes: Mapping[str, Scheme]) -> onnx.ModelProto:
@@ -48,8 +50,13 @@ def rewrite(model: onnx.ModelProto, schemes: Mapping[str, Scheme]) -> onnx.Model
 
 
 def candidates(model: onnx.ModelProto) -> list[str]:
-    """The values that may need a scheme of their own: convolutions' inputs and results, and what combines such."""
+    """The values that may need a scheme of their own: convolutions' inputs and results, and what combines such.
+
+    None where no convolution gains from 8 bits.
+    """
     graph = Graph(model)
+    if not any(_is_convolution(graph, node) for node in graph.nodes):
+        return []
     readers = graph.consumers()
     found: dict[str, None] = {}
     for node in graph.nodes:
@@ -76,6 +83,8 @@ class _Rewriter:
         self.integers: dict[str, str] = {}  # a value -> its integers
         self.twins: dict[str, str] = {}  # a value -> the rounded one that its readers get
         self.rounding: dict[str, Scheme] = {}  # and how it was rounded
+        self.inside: set[str] = set()  # rounded for convolutions alone
+        self.convolved: set[str] = set()  # made by 8-bit convolutions
         self.masks: set[str] = set()
 
     def run(self) -> onnx.ModelProto:
@@ -92,7 +101,7 @@ class _Rewriter:
                 self._convolution(node)
         elif node.op_type == "HardSigmoid" and self._is_step(node):
             self._step(node, self.makers[node.input[0]])
-        elif node.op_type == "Sign" and self._sign(node):
+        elif (node.op_type == "Sign" or _is_steep(node)) and self._sign(node):
             pass
         elif not (node.op_type in MOVING and self._moved(node)):
             self._keep(node)
@@ -101,16 +110,17 @@ class _Rewriter:
     def _moved(self, node: onnx.NodeProto) -> bool:
         """Move integers where the values are moved; False where they have none, or not one scheme."""
         data = list(node.input) if node.op_type == "Concat" else [node.input[0]]
-        if any(name not in self.integers for name in data):
+        if not all(map(self._is_rounded, data)):
             return False
         if len({self.rounding[name] for name in data}) > 1 or len(node.output) > 1:
             return False
         scheme, result = self.rounding[data[0]], node.output[0]
         inputs = [self.integers.get(name, name) for name in node.input]
-        if node.op_type == "Pad" and len(inputs) > 2 and inputs[2]:
-            if np.any(self.graph.constant(inputs[2])):
+        if node.op_type == "Pad":
+            fill = self.graph.constant(inputs[2]) if len(inputs) > 2 and inputs[2] else np.zeros(())
+            if fill is None or np.any(fill):
                 return False
-            inputs[2] = self.graph.const(np.uint8(scheme.zero), f"{result}/fill")
+            inputs[2:3] = [self.graph.const(np.uint8(scheme.zero), f"{result}/fill")]
         q = self.graph.op(node.op_type, *inputs, name=f"{result}/q", **attributes(node))
         self._dequantize(result, q, scheme)
         if result in self.outputs:
@@ -123,10 +133,10 @@ class _Rewriter:
         """Round what a node other than a convolution gives, where its inputs are rounded."""
         result = node.output[0]
         data = [name for name in node.input if name and not self.graph.is_constant(name)]
-        known = [self.rounding[name] for name in data if name in self.rounding]
+        known = [self.rounding[name] for name in data if self._is_rounded(name)]
         if node.op_type in CLAMPING:
-            if result in self.schemes and self._is_convolved(node.input[0]):
-                self._round(result, self.schemes[result])
+            if result in self.schemes and (known or node.input[0] in self.convolved):
+                self._round(result, self._up_to_bound(node, self.schemes[result]))
         elif not known or len(known) < len(data):
             return
         elif node.op_type == "Mul" and len(data) == 2 and self.masks.intersection(data):
@@ -134,16 +144,25 @@ class _Rewriter:
         elif node.op_type in COMBINING and result in self.schemes:
             self._round(result, self.schemes[result])
 
-    def _is_convolved(self, name: str) -> bool:
-        maker = self.makers.get(name)
-        return maker is not None and _is_convolution(self.graph, maker) and maker.input[0] in self.rounding
+    def _up_to_bound(self, node: onnx.NodeProto, scheme: Scheme) -> Scheme:
+        """The scheme whose highest level is a Clip's upper bound, to the last bit: no gradient passes there."""
+        bound = self.graph.constant(node.input[2]) if len(node.input) > 2 and node.input[2] else None
+        if bound is None or scheme.zero or not 0.0 < float(bound) < np.inf:
+            return scheme
+        return reaching(float(bound))
+
+    def _is_rounded(self, name: str) -> bool:
+        """Whether all readers of the value get it rounded."""
+        return name in self.rounding and name not in self.inside
 
     # -- convolutions ------------------------------------------------------------------------------------------
 
     def _convolution(self, node: onnx.NodeProto) -> None:
         x, y = node.input[0], node.output[0]
         if x not in self.rounding and x in self.schemes:
+            # Others may compare it with what is not rounded, such as a max-pool's inputs with its result.
             self._round(x, self.schemes[x])
+            self.inside.add(x)
         if x not in self.rounding:
             self._keep(node)
             return
@@ -155,6 +174,7 @@ class _Rewriter:
             self._in_two_steps(node, kernel)
             return
         self._conv(node, x, kernel, bias, y)
+        self.convolved.add(y)
         if x in self.masks:
             self._round(y, MASK)
             self.masks.add(y)
@@ -217,6 +237,7 @@ class _Rewriter:
     # -- steps -------------------------------------------------------------------------------------------------
 
     def _is_step(self, node: onnx.NodeProto) -> bool:
+        """Whether the HardSigmoid makes a mask of a difference of its own."""
         maker = self.makers.get(node.input[0])
         return maker is not None and _is_convolution(self.graph, maker) and _makes_step(self.readers, maker)
 
@@ -224,7 +245,7 @@ class _Rewriter:
         """[d > 0], d the difference of two rounded values; in floats where they are not."""
         x = difference.input[0]
         kernel = self.graph.constant(difference.input[1])
-        if x not in self.rounding or kernel is None:
+        if not self._is_rounded(x) or kernel is None:
             self._keep(difference)
             self._keep(node)
             return
@@ -234,10 +255,10 @@ class _Rewriter:
         self.masks.add(node.output[0])
 
     def _sign(self, node: onnx.NodeProto) -> bool:
-        """sign(x) of values that are never negative, as a step; False where it is none."""
+        """[x > 0] of values that are never negative, as a step; False where it is none."""
         x, shape = node.input[0], self.graph.shape(node.input[0]) or []
         scheme = self.rounding.get(x)
-        if scheme is None or scheme.zero or len(shape) != 4 or not isinstance(shape[1], int):
+        if scheme is None or not self._is_rounded(x) or scheme.zero or len(shape) != 4 or not isinstance(shape[1], int):
             return False
         kernel = np.ones((shape[1], 1, 1, 1))
         difference = onnx.helper.make_node(
@@ -253,8 +274,10 @@ class _Rewriter:
     def _keep(self, node: onnx.NodeProto) -> None:
         copy = self.graph.model.graph.node.add()
         copy.CopyFrom(node)
+        # A shape is read off the integers: a value that nobody else reads as floats is never one.
+        known = self.integers if node.op_type == "Shape" else self.twins
         for i, name in enumerate(node.input):
-            copy.input[i] = self.twins.get(name, name)
+            copy.input[i] = name if name in self.inside else known.get(name, name)
 
     def _round(self, name: str, scheme: Scheme) -> None:
         if name in self.outputs:
@@ -272,20 +295,28 @@ class _Rewriter:
 
 
 def _is_convolution(graph: Graph, node: onnx.NodeProto) -> bool:
-    """A two-dimensional Conv in float32 with constant weights."""
+    """A two-dimensional Conv in float32 with constant weights that 8 bits make faster."""
     if node.op_type != "Conv" or graph.dtype(node.input[0]) != np.float32:
         return False
-    shape = graph.shape(node.input[1]) or []
-    return len(shape) == 4 and all(graph.is_constant(name) for name in node.input[1:] if name)
+    kernel = graph.constant(node.input[1])
+    if kernel is None or kernel.ndim != 4 or not all(graph.is_constant(name) for name in node.input[2:] if name):
+        return False
+    results, channels = kernel.shape[:2]
+    worth = channels > 1 and kernel.size >= WORTH * (channels + results)
+    return bool(worth or attributes(node).get("group", 1) > 1)
 
 
 def _makes_step(readers: Mapping[str, list[onnx.NodeProto]], node: onnx.NodeProto) -> bool:
     """Whether all that reads the node is one HardSigmoid so steep that it is a step at zero."""
     after = _only_reader(readers, node.output[0])
-    if after is None or after.op_type != "HardSigmoid" or len(node.input) > 2:
-        return False
-    given = attributes(after)
-    return bool(given.get("alpha", 0.2) >= STEEP and -1.0 <= given.get("beta", 0.5) <= 0.0)
+    return after is not None and len(node.input) == 2 and _is_steep(after)
+
+
+def _is_steep(node: onnx.NodeProto) -> bool:
+    """A HardSigmoid so steep that it is a step at zero."""
+    given = attributes(node)
+    steep = given.get("alpha", 0.2) >= STEEP and -1.0 <= given.get("beta", 0.5) <= 0.0
+    return bool(node.op_type == "HardSigmoid" and steep)
 
 
 def _only_reader(readers: Mapping[str, list[onnx.NodeProto]], name: str) -> onnx.NodeProto | None:

@@ -53,6 +53,13 @@ def fitted(values: Array) -> Scheme:
     return Scheme(float(np.float32(best.scale)), best.zero)
 
 
+def reaching(top: float) -> Scheme:
+    """The scheme from 0 to `top`, a float32, such that the product of scale and 255 in float32 is `top` itself."""
+    near = np.float32(top / LEVELS)
+    steps = (near, np.nextafter(near, np.float32(0)), np.nextafter(near, np.float32(np.inf)))
+    return Scheme(float(next((s for s in steps if s * np.float32(LEVELS) == np.float32(top)), near)))
+
+
 def weights(kernel: npt.NDArray[np.floating]) -> tuple[npt.NDArray[np.int8], npt.NDArray[np.float32]]:
     """int8 weights and one scale for each output channel (the first axis): kernel = q * scale.
 

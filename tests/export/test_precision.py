@@ -1,0 +1,305 @@
+"""`--precision` and `--set`: fewer bits as a user asks for them, what is said of them, and what is refused."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import cv2
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+from elf_export import ExportError, agreement, export_network, export_onnx
+from elf_export.calibration import calibration_set
+from elf_export.cli import main
+from elf_export.detection import arguments
+from elf_export.graph import Graph
+from elf_export.networks import get_network
+from elf_export.options import parser, setting
+from elf_export.passes import bfloat16_weights, half_precision
+from elf_export.passes.half_precision import MANY
+from elf_runtime import DetectionParams, ElfRuntime
+from export import small_models as small
+from helpers import shared, textured
+from seeded import seeded_weights
+
+SHARED = {
+    "vgg": "vgg16_oxford_imagenet.npz",
+    "alexnet": "alexnet_caffe_conv_8bit.npz",
+    "xception": "xception_imagenet_entry_flow.npz",
+    "squeezenet": "squeezenet1_1_imagenet_keras.npz",
+    "superpoint": "superpoint_v1_encoder_descriptor.npz",
+}
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("pictures")
+    for seed in range(2):
+        cv2.imwrite(str(folder / f"{seed}.png"), textured(150, 200, seed))
+    return folder
+
+
+def weights_of(name: str, folder: Path) -> Path:
+    if name in SHARED:
+        return shared("weights", SHARED[name])
+    network = get_network(name)
+    path = folder / "seeded.npz"
+    np.savez(path, **seeded_weights(network.tensor_shapes([network.default_layer, *network.default_descriptors])))
+    return path
+
+
+# -- named networks ------------------------------------------------------------------------------------------------
+
+# Least correlation of the saliency with float32's on two drawn pictures.
+LEAST = {"int8": 0.8, "fp16": 0.99, "bf16": 0.97}
+
+
+@pytest.mark.usefixtures("small_probes")
+@pytest.mark.parametrize("precision", LEAST)
+@pytest.mark.parametrize("name", ["alexnet", "xception", "squeezenet", "resnet18", "mobilenet_v2"])
+def test_named_networks(tmp_path: Path, pictures: Path, name: str, precision: str) -> None:
+    said: list[str] = []
+    result = export_network(
+        name, output=tmp_path / "a.onnx", weights=weights_of(name, tmp_path), precision=precision,
+        calibration=pictures, log=said.append,
+    )  # fmt: skip
+    elf = ElfRuntime(result.path)
+    assert elf.contract.precision == precision
+    assert elf.contract.parity["lower_correlation"] > LEAST[precision]
+    assert elf.contract.parity["keypoint_agreement"] >= 0.99  # float32's, against torch
+    assert f"--precision {precision}" in elf.contract.command
+    header, fp32, lower, *_ = said[-1].splitlines()
+    assert header.split()[:7] == ["correlation", "kpts", "<", "1", "px", "keypoints", "rep"]
+    assert (fp32.split()[0], lower.split()[0]) == ("fp32", precision)
+    image = textured(131, 171, 7)
+    found = elf.detect(image, threshold="none")
+    assert len(found) > 20
+    assert np.isfinite(found.descriptors).all()
+    assert elf.saliency(image).dtype == np.float32
+
+
+@pytest.mark.usefixtures("small_probes")
+@pytest.mark.parametrize(
+    ("precision", "message"),
+    [
+        ("int8", "int8: 8-bit integers make no convolution of this network faster; use fp32, fp16 or bf16"),
+        ("fp16", r"fp16 overflows in this network: its saliency is not finite\. No file was written"),
+    ],
+)
+def test_what_a_network_does_not_survive(tmp_path: Path, pictures: Path, precision: str, message: str) -> None:
+    """SuperPoint's conv1a is one linear layer of large weights: 25 multiplications a pixel, up to 350000 each."""
+    with pytest.raises(ExportError, match=message):
+        export_network(
+            "superpoint", descriptors=[], output=tmp_path / "a.onnx", weights=weights_of("superpoint", tmp_path),
+            precision=precision, calibration=pictures,
+        )  # fmt: skip
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("small_probes")
+def test_the_command_in_the_file_makes_it_again(
+    tmp_path: Path, pictures: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    first = ["--net", "vgg", "--layer", "pool1", "--desc", "pool1", "--offline", "--precision", "int8"]
+    settings = ["--set", "scale=0.5", "--set", "denoise=3,0.8", "--set", "subpixel=true", "--set", "threshold=none"]
+    assert main([*first, *settings, "--calibration", str(pictures), "-o", "first.onnx"]) == 0
+    contract = ElfRuntime("first.onnx").contract
+    own = get_network("vgg").detection
+    assert contract.detection == own.updated(scale=0.5, denoise=(3, 0.8), subpixel=True, threshold="none")
+    program, *words = shlex.split(contract.command)
+    assert program == "elf-export"
+    assert main([*words, "--offline", "-o", "second.onnx"]) == 0
+    assert Path("first.onnx").read_bytes() == Path("second.onnx").read_bytes()
+
+
+@pytest.mark.parametrize("precision", ["int8", "fp16", "bf16"])
+def test_anyone_s_model(tmp_path: Path, pictures: Path, precision: str) -> None:
+    onnx.save(small.nchw(("n", 3, "h", "w")), tmp_path / "model.onnx")
+    result = export_onnx(
+        tmp_path / "model.onnx", "relu2", ["relu2"], tmp_path / "elf.onnx", precision=precision, calibration=pictures
+    )
+    assert result.contract.precision == precision
+    assert result.contract.parity["lower_correlation"] > LEAST[precision]
+
+
+# -- float16 and bfloat16 ----------------------------------------------------------------------------------------
+
+
+def test_float16_throughout_and_half_the_bytes(vgg) -> None:
+    lowered = half_precision(vgg.model)
+    onnx.checker.check_model(lowered, full_check=True)
+    assert lowered.ByteSize() < 0.51 * vgg.model.ByteSize()
+    graph = Graph(lowered)
+    inner = {v for node in graph.nodes if not node.name.startswith("pre/") for v in node.output}
+    singles = {v for v in inner if graph.dtype(v) == np.float32}
+    assert singles == {value.name for value in lowered.graph.output}
+    assert {value.type.tensor_type.elem_type for value in (*lowered.graph.input, *lowered.graph.output)} == {
+        TensorProto.FLOAT
+    }
+    assert not any(node.op_type == "HardSigmoid" for node in lowered.graph.node)
+
+
+def test_steps_are_exact_in_float16() -> None:
+    """[d > 0] for every float16 there is, the smallest included."""
+    every = np.arange(2**16, dtype=np.uint16).view(np.float16)
+    values = every[np.isfinite(every)].astype(np.float32)
+    node = helper.make_node("HardSigmoid", ["d"], ["mask"], name="mask", alpha=1e30, beta=-1.0)
+    infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["N"]) for name in ("d", "mask")]
+    graph = helper.make_graph([node], "g", infos[:1], infos[1:])
+    lowered = half_precision(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8))
+    import onnxruntime
+
+    session = onnxruntime.InferenceSession(lowered.SerializeToString(), providers=["CPUExecutionProvider"])
+    (found,) = session.run(None, {"d": values})
+    np.testing.assert_array_equal(found, (values > 0).astype(np.float32))
+
+
+def test_bfloat16_weights_are_rounded_to_nearest_even(vgg) -> None:
+    """Against torch's bfloat16; ties drawn on purpose; and half the bytes."""
+    import torch
+
+    rng = np.random.default_rng(0)
+    bits = rng.integers(0x3F000000, 0x40FFFFFF, 4096, dtype=np.uint32)
+    bits[::2] = bits[::2] & 0xFFFF0000 | 0x8000  # halfway between two
+    values = bits.view(np.float32) * rng.choice([-1, 1], 4096).astype(np.float32)
+    tensors = [numpy_helper.from_array(values, "w"), numpy_helper.from_array(values[: MANY - 1], "few")]
+    nodes = [helper.make_node("Identity", [name], [f"{name}_out"], name=name) for name in ("w", "few")]
+    infos = [helper.make_tensor_value_info(f"{n}_out", TensorProto.FLOAT, None) for n in ("w", "few")]
+    model = helper.make_model(helper.make_graph(nodes, "g", [], infos, tensors), ir_version=8,
+                              opset_imports=[helper.make_opsetid("", 17)])  # fmt: skip
+    stored = {t.name: t for t in bfloat16_weights(model).graph.initializer}
+    assert set(stored) == {"w/bf16", "few"}
+    assert stored["w/bf16"].data_type == TensorProto.BFLOAT16
+    found = (np.frombuffer(stored["w/bf16"].raw_data, np.uint16).astype(np.uint32) << 16).view(np.float32)
+    np.testing.assert_array_equal(found, torch.tensor(values).to(torch.bfloat16).to(torch.float32).numpy())
+
+    lowered = bfloat16_weights(vgg.model)
+    onnx.checker.check_model(lowered, full_check=True)
+    assert lowered.ByteSize() < 0.52 * vgg.model.ByteSize()
+
+
+# -- what is said, and refused -------------------------------------------------------------------------------------
+
+
+def test_the_report() -> None:
+    found = agreement.Agreement(0.97, 0.88, 490.0, 500.0, 71.0, 71.5, 47.9, 48.0, 0.35)
+    lines = agreement.table("int8", found).splitlines()
+    assert lines[1].split() == ["fp32", "1", "100%", "500", "71.5", "48.0", "1"]
+    assert lines[2].split() == ["int8", "0.9700", "88.0%", "490", "71.0", "47.9", "0.35"]
+    assert len(lines) == 3
+    assert found.figures()["lower_correlation"] == 0.97
+    assert "lower_time" not in found.figures()  # another machine would write another file
+
+    slow = agreement.Agreement(0.97, 0.88, 490.0, 500.0, 71.0, 71.5, None, None, 1.2)
+    assert agreement.table("int8", slow).splitlines()[-1].startswith("int8 is no faster here")
+    assert "no faster" not in agreement.table("bf16", slow)
+    assert agreement.table("bf16", slow).splitlines()[2].split()[-2:] == ["-", "1.20"]
+
+
+def test_a_model_agrees_with_itself(tmp_path: Path, pictures: Path) -> None:
+    onnx.save(small.nchw(("n", 3, "h", "w")), tmp_path / "model.onnx")
+    path = export_onnx(tmp_path / "model.onnx", "relu2", ["relu2"], tmp_path / "elf.onnx").path
+    found = agreement.measure(path.read_bytes(), path.read_bytes(), calibration_set(pictures))
+    assert found.correlation == pytest.approx(1)
+    assert (found.agreeing, found.keypoints, found.rep, found.ms) == (
+        1.0, found.keypoints_fp32, found.rep_fp32, found.ms_fp32
+    )  # fmt: skip
+    assert found.rep > 30
+
+
+def test_a_lost_saliency_is_refused(tmp_path: Path, pictures: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from elf_export import precision
+
+    def drowned(model: onnx.ModelProto) -> onnx.ModelProto:
+        lowered = bfloat16_weights(model)
+        for tensor in lowered.graph.initializer:
+            if tensor.data_type == TensorProto.BFLOAT16:
+                noise = np.random.default_rng(0).standard_normal(tuple(tensor.dims)).astype(np.float32)
+                halves = (noise.view(np.uint32) >> 16).astype(np.uint16)
+                tensor.raw_data = halves.tobytes()
+        return lowered
+
+    monkeypatch.setattr(precision, "bfloat16_weights", drowned)
+    monkeypatch.setattr(agreement, "LEAST_CORRELATION", 0.98)
+    with pytest.raises(ExportError, match=r"bf16 loses the saliency of this network.*No file was written"):
+        export_network("vgg", "pool2", [], tmp_path / "a.onnx", offline=True, precision="bf16", calibration=pictures)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("small_probes")
+@pytest.mark.parametrize("precision", ["int8", "fp16", "bf16"])
+def test_old_opsets_are_refused(tmp_path: Path, precision: str, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--net", "vgg", "--layer", "conv1_1", "--desc", "none", "--offline", "--opset", "12"]
+    assert main([*arguments, "--precision", precision, "-o", str(tmp_path / "a.onnx")]) == 1
+    assert f"{precision} needs opset 13 or later; choose one with --opset" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("small_probes")
+def test_calibration_folders_that_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    base = ["--net", "vgg", "--layer", "conv1_2", "--desc", "none", "--offline", "-o", str(tmp_path / "a.onnx")]
+    with pytest.raises(SystemExit):
+        main([*base, "--calibration", str(tmp_path)])
+    assert "--calibration goes with --desc-dim or --precision only" in capsys.readouterr().err
+    for folder, message in ((tmp_path / "nowhere", "not a folder of calibration images"), (tmp_path, "no image to")):
+        assert main([*base, "--precision", "int8", "--calibration", str(folder)]) == 1
+        assert message in capsys.readouterr().err
+    (tmp_path / "broken.png").write_bytes(b"no image")
+    assert main([*base, "--precision", "int8", "--calibration", str(tmp_path)]) == 1
+    assert "broken.png: not an image that OpenCV can decode" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["broken.png"]
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "value"),
+    [
+        ("scale=0.5", "scale", 0.5),
+        ("nms_radius=6", "nms_radius", 6),
+        ("denoise=5,1.2", "denoise", (5, 1.2)),
+        (" denoise = 5 , 1.2 ", "denoise", (5, 1.2)),
+        ("subpixel=true", "subpixel", True),
+        ("subpixel=False", "subpixel", False),
+        ("threshold=kapur", "threshold", "kapur"),
+    ],
+)
+def test_settings_are_read(text: str, name: str, value: object) -> None:
+    assert setting(text) == (name, value)
+    assert type(setting(text)[1]) is type(value)
+
+
+@pytest.mark.parametrize("text", ["scale", "=1", "scale=", "denoise=5,", ""])
+def test_settings_that_are_none(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        parser().parse_args(["--net", "vgg", "--set", text])
+    assert f"{text!r} is not NAME=VALUE" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("sale=1", "unknown detection setting 'sale'; known are"),
+        ("scale=9", r"scale is a number in (0, 8], not 9"),
+        ("scale=large", r"scale is a number in (0, 8], not 'large'"),
+        ("denoise=4,1", "denoise is (mu, sigma) with mu odd"),
+        ("subpixel=1", "subpixel is True or False, not 1"),
+    ],
+)
+def test_settings_out_of_range(tmp_path: Path, text: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Before anything is computed."""
+    assert main(["--net", "vgg", "--offline", "--set", text, "-o", str(tmp_path / "a.onnx")]) == 1
+    assert message in capsys.readouterr().err
+
+
+def test_settings_become_the_options_that_say_them() -> None:
+    own = get_network("vgg").detection
+    for changes in ({}, {"scale": 0.33}, {"denoise": (7, 1.8), "subpixel": True}, {"threshold": 0.25, "border": 0}):
+        wanted = own.updated(**changes)
+        words = arguments(own, wanted)
+        assert len(words) == 2 * len(changes)
+        args = parser().parse_args(["--net", "vgg", *words])
+        assert own.updated(**dict(args.set)) == wanted
+    assert isinstance(own, DetectionParams)
