@@ -9,7 +9,6 @@ import onnx
 
 from elf_runtime import ModelContract
 
-from . import agreement
 from .calibration import CalibrationSet
 from .errors import ExportError
 from .output import stamped
@@ -45,6 +44,8 @@ def lower(
     """
     if precision == "fp32":
         return model, contract
+    from . import agreement  # its scores need the evaluation package
+
     if opset_of(model) < LEAST_OPSET:
         raise ExportError(f"{precision} needs opset {LEAST_OPSET} or later; choose one with --opset")
     if precision == "int8":

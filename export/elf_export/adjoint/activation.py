@@ -1,7 +1,8 @@
 """Adjoints of activations made of straight pieces: dx = dy * f'(x), f' being piecewise constant or linear.
 
 Masks are products with Sign where they can be: sign(v) is exactly 0 or 1 for v >= 0, and in ONNX Runtime Sign
-and Mul cost a quarter of Greater and Where.  A steep HardSigmoid (see `phases`) costs an eighth of Sign.  At a kink the choice is torch's for the activation of that name.
+and Mul cost a quarter of Greater and Where.  A steep HardSigmoid (see `phases`) costs an eighth of Sign.  At a kink
+the choice is torch's for the activation of that name.
 """
 
 from __future__ import annotations
