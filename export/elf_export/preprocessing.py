@@ -102,8 +102,12 @@ def prepend(
         return x
 
     def centred(x: str, role: str) -> tuple[str, str]:
-        """x - mean(x), and mean(x).  The mean of what is left corrects the first mean's rounding."""
-        rough = plain_mean(x, f"{role}_rough")
+        """x - mean(x), and mean(x).  The mean of what is left corrects the first mean's rounding.
+
+        The first mean is made an integer: pixels are, and sums of integers are exact.  (With a common fraction, every
+        addition would round the same way.)
+        """
+        rough = graph.op("Round", plain_mean(x, f"{role}_near"), name=f"pre/{role}_rough")
         rest = graph.op("Sub", x, rough, name=f"pre/{role}_rest")
         correction = plain_mean(rest, f"{role}_correction")
         mean = graph.op("Add", rough, correction, name=f"pre/{role}_mean")

@@ -19,7 +19,7 @@ from seeded import seeded_weights
 BOTH = {
     "Abs", "Add", "AveragePool", "BatchNormalization", "Cast", "Clip", "Concat", "Constant", "Conv", "ConvTranspose",
     "DepthToSpace", "Div", "Expand", "Gather", "GlobalAveragePool", "Greater", "HardSigmoid", "HardSwish", "LRN",
-    "LeakyRelu", "Max", "MaxPool", "Mul", "Pad", "Pow", "ReduceMean", "ReduceProd", "ReduceSum", "Relu", "Reshape",
+    "LeakyRelu", "Max", "MaxPool", "Mul", "Pad", "Pow", "ReduceMean", "ReduceProd", "ReduceSum", "Relu", "Reshape", "Round",
     "Shape", "Sign", "Slice", "Sqrt", "Sub", "Sum", "Transpose", "Where",
 }  # fmt: skip
 # Input index that must be an initializer, for TensorRT.

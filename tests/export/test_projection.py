@@ -279,8 +279,8 @@ def test_another_network_s_layer_with_fewer_values(tmp_path: Path) -> None:
 
 
 def test_a_wrong_projection_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def without_mean(model: onnx.ModelProto, maps: dict) -> onnx.ModelProto:
-        return project(model, {name: (matrix, 0 * bias) for name, (matrix, bias) in maps.items()})
+    def without_mean(model: onnx.ModelProto, maps: dict, separate: bool) -> onnx.ModelProto:
+        return project(model, {name: (matrix, 0 * bias) for name, (matrix, bias) in maps.items()}, separate)
 
     monkeypatch.setattr(reduce_module, "project", without_mean)
     onnx.save(nchw(("N", 3, "H", "W")), tmp_path / "net.onnx")

@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import onnx
 
-from .phases import OFFSET, STEEP
-from .portable import as_number
+from .portable import as_number, step
 from .registry import Context, Gradients, adjoint
 
 
 @adjoint("Relu")
 def relu(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """y = max(x, 0);  dx = dy * [y > 0].   any shape"""
-    mask = ctx.op("HardSigmoid", node.output[0], role="mask", alpha=STEEP, beta=OFFSET)
-    return [ctx.op("Mul", grad_y, mask, role="dx")]
+    return [ctx.op("Mul", grad_y, step(ctx, node.output[0], "mask"), role="dx")]
 
 
 @adjoint("LeakyRelu")
@@ -68,7 +66,7 @@ def clip(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     if not (above or below):
         return [grad_y]
     room = ctx.op("Mul", above, below, role="room") if above and below else above or below
-    return [ctx.op("Mul", grad_y, ctx.op("Sign", room, role="mask"), role="dx")]
+    return [ctx.op("Mul", grad_y, step(ctx, room, "mask"), role="dx")]
 
 
 @adjoint("HardSigmoid")

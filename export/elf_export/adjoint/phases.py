@@ -28,9 +28,9 @@ from elf_export.graph import Array, Graph
 from .conv import flipped
 from .geometry import Window, window_of
 from .gradient import Part, Phases, Rectified
+from .portable import step
 from .registry import Context, Rule
 
-STEEP, OFFSET = 1e30, -1.0
 FEW = 16  # channels of one block of the blocked layout (AVX-512); a convolution to fewer pays for all of them
 PHASES = ((0, 0), (0, 1), (1, 0), (1, 1))
 
@@ -242,8 +242,7 @@ def _step(
     ctx: Context, x: str, kernel: npt.ArrayLike, strides: list[int], role: str, ends: Sequence[int] = (0, 0)
 ) -> str:
     """[d > 0] with d = a depthwise convolution of x, which `ends` pads with rows below and columns on the right."""
-    d = depthwise(ctx, x, kernel, strides, f"{role}_difference", ends)
-    return ctx.op("HardSigmoid", d, role=role, alpha=STEEP, beta=OFFSET)
+    return step(ctx, depthwise(ctx, x, kernel, strides, f"{role}_difference", ends), role)
 
 
 def _minus(ctx: Context, a: str, b: str, role: str) -> str:

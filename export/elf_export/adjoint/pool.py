@@ -15,7 +15,7 @@ import onnx
 
 from . import interleaved, phases
 from .geometry import Window, begin_pads, crop_spatial, pad_spatial, spatial_shape, window_of
-from .portable import FAR, concat_ints, slice_axes
+from .portable import FAR, concat_ints, slice_axes, step
 from .registry import Context, Gradients, adjoint
 from .shapes import rank_is_known
 
@@ -37,9 +37,9 @@ def max_pool(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     output and MaxUnpool are not portable, and wrong for overlapping windows) the gradient is handed from one
     offset to the next until somebody takes it:
 
-        r_0 = dy;   taken_o = r_o * [x_o = y],   r_{o+1} = r_o - taken_o = r_o * sign(y - x_o)
+        r_0 = dy;   taken_o = r_o * [x_o = y],   r_{o+1} = r_o - taken_o = r_o * [y - x_o > 0]
 
-    sign(y - x_o) is exactly 0 or 1 times a positive number's sign, so nothing is rounded.  The usual 2x2 windows
+    The steps are exactly 0 or 1, so nothing is rounded.  The usual 2x2 windows
     side by side have forms of their own, see `phases.split_max_pool` and `interleaved.max_pool`.
     """
     window = window_of(ctx, ctx.attrs["kernel_shape"])
@@ -52,7 +52,7 @@ def max_pool(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     rest, pieces = grad_y, []
     for offset in offsets[:-1]:
         tag = _tag(offset)
-        below = ctx.op("Sign", ctx.op("Sub", y, views[offset], role=f"gap{tag}"), role=f"below{tag}")
+        below = step(ctx, ctx.op("Sub", y, views[offset], role=f"gap{tag}"), f"below{tag}")
         passed = ctx.op("Mul", rest, below, role=f"passed{tag}")
         pieces.append(ctx.op("Sub", rest, passed, role=f"taken{tag}"))
         rest = passed

@@ -16,6 +16,14 @@ FAR = 2**31 - 1  # "to the end" for Slice
 Ints = str | Sequence[int]
 
 
+STEEP, OFFSET = 1e30, -1.0
+
+
+def step(ctx: Context, v: str, role: str) -> str:
+    """[v > 0] as numbers; a positive v is above 1e-29.  A steep HardSigmoid takes an eighth of Sign's time."""
+    return ctx.op("HardSigmoid", v, role=role, alpha=STEEP, beta=OFFSET)
+
+
 def ints(ctx: Context, values: Ints, role: str) -> str:
     """`values` as the name of an int64 vector."""
     return values if isinstance(values, str) else ctx.int64s(values, role)
