@@ -19,8 +19,8 @@ from seeded import seeded_weights
 BOTH = {
     "Abs", "Add", "AveragePool", "BatchNormalization", "Cast", "Clip", "Concat", "Constant", "Conv", "ConvTranspose",
     "DepthToSpace", "Div", "Expand", "Gather", "GlobalAveragePool", "Greater", "HardSigmoid", "HardSwish", "LRN",
-    "LeakyRelu", "Max", "MaxPool", "Mul", "Pad", "Pow", "ReduceMean", "ReduceProd", "ReduceSum", "Relu", "Reshape", "Round",
-    "Shape", "Sign", "Slice", "Sqrt", "Sub", "Sum", "Transpose", "Where",
+    "LeakyRelu", "Max", "MaxPool", "Mul", "Pad", "Pow", "ReduceMean", "ReduceProd", "ReduceSum", "Relu", "Reshape",
+    "Round", "Shape", "Sign", "Slice", "Sqrt", "Sub", "Sum", "Transpose", "Where",
 }  # fmt: skip
 # Input index that must be an initializer, for TensorRT.
 CONSTANT_INPUTS = {"Conv": [1], "ConvTranspose": [1], "Slice": [3], "ReduceSum": [1]}
