@@ -1,8 +1,7 @@
 """Adjoints of activations made of straight pieces: dx = dy * f'(x), f' being piecewise constant or linear.
 
-Masks are products with Sign where they can be: sign(v) is exactly 0 or 1 for v >= 0, and in ONNX Runtime Sign
-and Mul cost a quarter of Greater and Where.  A steep HardSigmoid (see `phases`) costs an eighth of Sign.  At a kink
-the choice is torch's for the activation of that name.
+Masks are products with steps (`portable.step`) where they can be, which cost a fraction of Greater and Where.  At a
+kink the choice is torch's for the activation of that name.
 """
 
 from __future__ import annotations
