@@ -9,7 +9,8 @@ import numpy.typing as npt
 import onnx
 from onnx import helper
 
-from .adjoint import build_adjoint
+from .adjoint import adjoint_parts, joining
+from .adjoint.gradient import Part
 from .errors import LayerError
 from .graph import Graph, reduce_mean
 from .layout import axes_of, image_layout
@@ -76,8 +77,11 @@ def build_saliency(
         model, layer, descriptors, image_input, seed, differentiate, channels_last
     )
     layout = image_layout(graph, image)
-    magnitude = graph.op("Abs", gradient, name="saliency/abs")
-    reduce_mean(graph, magnitude, layout.index("C"), "saliency/mean", keepdims=0, output=SALIENCY)
+    if isinstance(gradient, str):
+        magnitude, channel = graph.op("Abs", gradient, name="saliency/abs"), layout.index("C")
+    else:
+        magnitude, channel = joining.mean_magnitude(graph, gradient, "saliency"), 1
+    reduce_mean(graph, magnitude, channel, "saliency/mean", keepdims=0, output=SALIENCY)
     outputs = [helper.make_tensor_value_info(SALIENCY, graph.elem_type(image), ["N", "H", "W"])]
     outputs += _descriptor_outputs(graph, descriptors, axes_of(graph, image, layout))
     composed = compose_convs(_with_outputs(graph, outputs), keep=[value.name for value in outputs])
@@ -95,7 +99,8 @@ def build_gradient(
     The gradient has the image's shape and layout.  Parameters and errors are those of `build_saliency`.
     """
     graph, image, gradient = _differentiated(model, layer, (), image_input, seed, True)
-    graph.op("Identity", gradient, name="gradient/output", outputs=[GRADIENT])
+    whole = joining.whole(graph, gradient)
+    graph.op("Identity", whole, name="gradient/output", outputs=[GRADIENT])
     outputs = [
         helper.make_tensor_value_info(layer, graph.elem_type(layer), graph.shape(layer)),
         helper.make_tensor_value_info(GRADIENT, graph.elem_type(image), graph.shape(image)),
@@ -111,8 +116,8 @@ def _differentiated(
     seed: Seed,
     differentiate: bool,
     channels_last: bool = False,
-) -> tuple[Graph, str, str]:
-    """The trunk of `model` with the adjoint appended, the image's name and the gradient's."""
+) -> tuple[Graph, str, Part]:
+    """The trunk of `model` with the adjoint appended, the image's name and the gradient."""
     wanted = list(dict.fromkeys([layer, *descriptors]))
     try:
         trunk = cut(model, wanted)
@@ -123,7 +128,7 @@ def _differentiated(
     image = image_input or only_image_input(graph)
     if not differentiate:
         return graph, image, layer
-    return graph, image, build_adjoint(graph, layer, image, _seed_value(graph, layer, seed), channels_last)
+    return graph, image, adjoint_parts(graph, layer, image, _seed_value(graph, layer, seed), channels_last)
 
 
 def _seed_value(graph: Graph, layer: str, seed: Seed) -> str | None:

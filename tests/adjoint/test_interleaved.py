@@ -21,7 +21,7 @@ def differentiated(layers: list[str], kernels: dict[str, np.ndarray], seed: str 
         shape = graph.shape(output.name)
         graph.model.graph.input.append(helper.make_tensor_value_info(seed, TensorProto.DOUBLE, shape))
     gradient = build_adjoint(graph, output.name, "x", seed, channels_last=True)
-    pools = sum(node.name.endswith("/dx_even") for node in graph.nodes)
+    pools = sum(node.name.endswith("/interleaved") for node in graph.nodes)
     assert pools == layers.count("pool")
     assert not any(node.op_type == "DepthToSpace" for node in graph.nodes)  # no phases
     return graph, gradient

@@ -19,13 +19,14 @@ from . import (  # noqa: F401  (importing them registers their rules)
     smooth,
     softmax,
 )
-from .engine import build_adjoint, nodes_between, unsupported_behind
+from .engine import adjoint_parts, build_adjoint, nodes_between, unsupported_behind
 from .registry import Context, Gradients, adjoint, no_gradient, supported_ops
 
 __all__ = [
     "Context",
     "Gradients",
     "adjoint",
+    "adjoint_parts",
     "build_adjoint",
     "no_gradient",
     "nodes_between",

@@ -15,6 +15,7 @@ from elf_export.graph import Graph, captured
 
 from . import broadcast, phases
 from .gradient import Part
+from .joining import whole
 from .registry import (
     Context,
     entry_for,
@@ -30,6 +31,13 @@ from .sizes import Sizes
 def build_adjoint(
     graph: Graph, output: str, wrt: str, seed: str | None = None, channels_last: bool = False
 ) -> str:
+    """As `adjoint_parts`, the gradient in one piece: a value of the shape of `wrt`."""
+    return whole(graph, adjoint_parts(graph, output, wrt, seed, channels_last))
+
+
+def adjoint_parts(
+    graph: Graph, output: str, wrt: str, seed: str | None = None, channels_last: bool = False
+) -> Part:
     """Append the nodes that compute the vector-Jacobian product seed^T d(output)/d(wrt).
 
     Parameters
@@ -47,8 +55,8 @@ def build_adjoint(
 
     Returns
     -------
-    str
-        Name of the gradient, of the shape of `wrt`.
+    str or Phases
+        Name of the gradient, of the shape of `wrt`, or its phases where it arrives in such.
 
     Raises
     ------
@@ -83,7 +91,7 @@ def build_adjoint(
                 pending.setdefault(name, []).append(grad)
     total = _total(graph, wrt, pending.get(wrt))
     assert total is not None, f"the gradient of {output!r} never reaches {wrt!r}"
-    return phases.whole(graph, total)
+    return total
 
 
 def nodes_between(graph: Graph, source: str, target: str) -> list[onnx.NodeProto]:
@@ -171,5 +179,5 @@ def _total(graph: Graph, name: str, parts: list[Part] | None) -> Part | None:
     if not parts:
         return None
     if len(parts) > 1:
-        parts[:] = [graph.op("Sum", *(phases.whole(graph, p) for p in parts), name=f"adj/{name}/accumulate")]
+        parts[:] = [graph.op("Sum", *(whole(graph, p) for p in parts), name=f"adj/{name}/accumulate")]
     return parts[0]

@@ -10,8 +10,8 @@ computes without rounding.
 
 from __future__ import annotations
 
-from . import phases
-from .gradient import Rectified
+from . import joining, phases
+from .gradient import Phases, Rectified
 from .registry import Context
 
 
@@ -26,57 +26,17 @@ def max_pool(ctx: Context, grad_y: str) -> str:
         grad_y = ctx.op("Mul", grad_y, phases.positive(ctx, y, "y"), role="dy_positive")
     rows = phases.row_maxima(ctx)
     lower = phases.bottom_wins(ctx, rows)
-    joined = []
+    pieces = []
     for a, name in enumerate(("top", "bottom")):
         wins = lower if a else _complement(ctx, lower, "top_wins")
         part = ctx.op("Mul", grad_y, wins, role=f"dy_{name}")
         right = phases.right_wins(ctx, a)
         left = _complement(ctx, right, f"left_wins_{name}")
-        pieces = [
-            _channels_last(ctx, ctx.op("Mul", part, mask, role=f"dx_{a}{b}"), f"dx_{a}{b}_nhwc")
-            for b, mask in enumerate((left, right))
-        ]
-        joined.append(_beside(ctx, pieces, f"dx_{name}"))
-    # (N, h, 2 W', C): each row of windows with its two rows of pixels one after the other.
-    stacked = ctx.op("Concat", *joined, role="dx_stacked", axis=2)
-    width = _slice_of_shape(ctx, joined[0], 2, 3, "dx_width")
-    shape = ctx.op(
-        "Concat", ctx.int64s([0, -1], "keep"), width, ctx.int64s([_channels(ctx)], "channels"),
-        role="dx_shape", axis=0,
-    )  # fmt: skip
-    even = ctx.op("Reshape", stacked, shape, role="dx_even")
-    # Rows and columns that no window covers are zero.
-    lack = ctx.op(
-        "Sub", _slice_of_shape(ctx, x, 2, 4, "size"), _slice_of_shape(ctx, even, 1, 3, "even_size"), role="lack"
-    )
-    pads = ctx.op("Concat", ctx.int64s([0] * 5, "no_pads"), lack, ctx.int64s([0], "no_pad"), role="pads", axis=0)
-    full = ctx.op("Pad", even, pads, ctx.const(0, "fill", like=x), role="dx_nhwc", mode="constant")
-    dx = ctx.op("Transpose", full, role="dx", perm=[0, 3, 1, 2])
+        pieces += [ctx.op("Mul", part, mask, role=f"dx_{a}{b}") for b, mask in enumerate((left, right))]
+    dx = joining.whole(ctx.graph, Phases(tuple(pieces), x))
     return Rectified(dx, x) if rectified else dx
 
 
 def _complement(ctx: Context, mask: str, role: str) -> str:
     """1 - mask."""
     return phases.depthwise(ctx, mask, [[-1]], [1, 1], role, bias=1.0)
-
-
-def _channels_last(ctx: Context, value: str, role: str) -> str:
-    return ctx.op("Transpose", value, role=role, perm=[0, 2, 3, 1])
-
-
-def _beside(ctx: Context, columns: list[str], role: str) -> str:
-    """Even and odd columns, (N, h, w, C) each, interleaved: (N, h, 2 w, C)."""
-    pairs = ctx.op("Concat", *columns, role=f"{role}_pairs", axis=3)
-    return ctx.op("Reshape", pairs, ctx.int64s([0, 0, -1, _channels(ctx)], f"{role}_shape"), role=role)
-
-
-def _channels(ctx: Context) -> int:
-    channels = (ctx.shape(ctx.node.input[0]) or [])[1]
-    assert isinstance(channels, int), "phases.splits has seen to that"
-    return channels
-
-
-def _slice_of_shape(ctx: Context, value: str, start: int, stop: int, role: str) -> str:
-    shape = ctx.op("Shape", value, role=f"{role}_shape")
-    bounds = [ctx.int64s([v], f"{role}_{what}") for v, what in ((start, "from"), (stop, "to"), (0, "axis"))]
-    return ctx.op("Slice", shape, *bounds, role=role)

@@ -23,42 +23,17 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from elf_export.graph import Array, Graph
+from elf_export.graph import Array
 
 from .conv import flipped
 from .geometry import Window, window_of
 from .gradient import Part, Phases, Rectified
+from .joining import whole
 from .portable import step
 from .registry import Context, Rule
 
 FEW = 16  # channels of one block of the blocked layout (AVX-512); a convolution to fewer pays for all of them
 PHASES = ((0, 0), (0, 1), (1, 0), (1, 1))
-
-
-def whole(graph: Graph, part: Part) -> str:
-    """The gradient as one (N, C, H, W) value: phases interleaved and cut, or filled up with zeros, to `like`."""
-    if isinstance(part, str):
-        return part
-    role = f"adj/{part.like}"
-    joined = part.pieces[0]
-    if len(part.pieces) > 1:
-        joined = graph.op("Concat", *part.pieces, name=f"{role}/phases", axis=1)
-    full = graph.op("DepthToSpace", joined, name=f"{role}/interleaved", blocksize=2, mode="DCR")
-    size = _spatial(graph, part.like, f"{role}/size")
-    zeros = graph.int64s([0, 0], f"{role}/zeros")
-    if part.margin:
-        axes = graph.int64s([2, 3], f"{role}/axes")
-        return graph.op("Slice", full, zeros, size, axes, name=f"{role}/whole")
-    lack = graph.op("Sub", size, _spatial(graph, full, f"{role}/full_size"), name=f"{role}/lack")
-    pads = graph.op("Concat", zeros, zeros, zeros, lack, name=f"{role}/pads", axis=0)
-    fill = graph.const(0, f"{role}/fill", graph.dtype(part.like))
-    return graph.op("Pad", full, pads, fill, name=f"{role}/whole", mode="constant")
-
-
-def _spatial(graph: Graph, value: str, name: str) -> str:
-    """int64 (2,): H and W of a value."""
-    bounds = [graph.int64s([v], f"{name}/{what}") for v, what in ((2, "from"), (4, "to"), (0, "axis"))]
-    return graph.op("Slice", graph.op("Shape", value, name=f"{name}/shape"), *bounds, name=name)
 
 
 # -- producing phases ------------------------------------------------------------------------------------------
@@ -85,7 +60,7 @@ def split_max_pool(ctx: Context, grad_y: str) -> Phases:
     x, y = ctx.node.input[0], ctx.node.output[0]
     rectified = is_rectified(ctx, x)
     before = ctx.graph.producers().get(grad_y)
-    if before is not None and before.op_type in ("Slice", "Pad"):
+    if before is not None and before.op_type == "Transpose":
         # Put together by `whole`, outside the blocked layout: back into it at once, for all that follows.
         grad_y = depthwise(ctx, grad_y, [[1]], [1, 1], "dy_blocked")
     if rectified and grad_y != y:

@@ -1,0 +1,96 @@
+"""The four phases of a gradient put together to one map.
+
+In the blocked layout in which ONNX Runtime convolves, and in NCHW, interleaving moves single values.  Channels last it
+moves whole pixels: joining two maps along the channels IS interleaving their columns, once the result is read as twice
+as many pixels, and joining rows along the width is interleaving them.  ONNX Runtime changes from blocks to channels
+last and back in one go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from elf_export.graph import Graph, reduce_mean
+
+from .gradient import Part, Phases
+
+
+def whole(graph: Graph, part: Part) -> str:
+    """The gradient as one (N, C, H, W) value: phases interleaved and cut, or filled up with zeros, to `like`."""
+    if isinstance(part, str):
+        return part
+    role = f"adj/{part.like}"
+    if len(part.pieces) == 1:
+        full = graph.op("DepthToSpace", *part.pieces, name=f"{role}/interleaved", blocksize=2, mode="DCR")
+        return fitted(graph, full, part.like, 2, part.margin, f"{role}/whole")
+    channels = (graph.shape(part.like) or [])[1]
+    assert isinstance(channels, int), "phases.splits has seen to that"
+    full = interleaved(graph, part.pieces, channels, role)
+    return channels_first(graph, fitted(graph, full, part.like, 1, part.margin, f"{role}/whole_nhwc"), f"{role}/whole")
+
+
+def mean_magnitude(graph: Graph, part: Phases, name: str) -> str:
+    """The mean of abs(v) over the channels, (N, 1, H, W), where v's phases are side by side in one piece.
+
+    Taken before they are interleaved: a third of the values to move, for an image of three channels.
+    """
+    (piece,) = part.pieces
+    channels = (graph.shape(part.like) or [])[1]
+    assert isinstance(channels, int), "phases.splits has seen to that"
+    lead = graph.int64s([0, 4, channels], f"{name}/phases")
+    shape = graph.op("Concat", lead, slice_of_shape(graph, piece, 2, 4, f"{name}/size"), name=f"{name}/shape", axis=0)
+    apart = graph.op("Reshape", piece, shape, name=f"{name}/apart")
+    magnitude = graph.op("Abs", apart, name=f"{name}/abs")
+    mean = reduce_mean(graph, magnitude, 2, f"{name}/phase_means", keepdims=0)
+    return whole(graph, Phases((mean,), part.like, part.margin, clean=False))
+
+
+def interleaved(graph: Graph, pieces: Sequence[str], channels: int, role: str) -> str:
+    """Phases 00, 01, 10, 11, (N, C, h, w) each, to one map channels last, (N, 2 h, 2 w, C)."""
+    last = [
+        graph.op("Transpose", piece, name=f"{role}/phase_{place}_nhwc", perm=[0, 2, 3, 1])
+        for piece, place in zip(pieces, ("00", "01", "10", "11"), strict=True)
+    ]
+    lines = []
+    for columns, name in ((last[:2], "even"), (last[2:], "odd")):
+        pairs = graph.op("Concat", *columns, name=f"{role}/{name}_row_pairs", axis=3)
+        shape = graph.int64s([0, 0, -1, channels], f"{role}/{name}_row_shape")
+        lines.append(graph.op("Reshape", pairs, shape, name=f"{role}/{name}_rows"))
+    # (N, h, 4 w, C): each even row with the odd one below it behind it.
+    stacked = graph.op("Concat", *lines, name=f"{role}/rows_stacked", axis=2)
+    width = slice_of_shape(graph, lines[0], 2, 3, f"{role}/row_width")
+    sizes = [graph.int64s([0, -1], f"{role}/keep"), width, graph.int64s([channels], f"{role}/channels")]
+    return graph.op(
+        "Reshape", stacked, graph.op("Concat", *sizes, name=f"{role}/interleaved_shape", axis=0),
+        name=f"{role}/interleaved",
+    )  # fmt: skip
+
+
+def fitted(graph: Graph, full: str, like: str, axis: int, margin: int, name: str) -> str:
+    """`full` cut (margin 1), or filled up with zeros (margin 0), to the H and W of `like`, (N, C, H, W).
+
+    `axis` is where H and W begin in `full`: 2, or 1 channels last.
+    """
+    size = slice_of_shape(graph, like, 2, 4, f"{name}_size")
+    if margin:
+        bounds = [graph.int64s(v, f"{name}_{what}") for v, what in (([0, 0], "from"), ([axis, axis + 1], "axes"))]
+        return graph.op("Slice", full, bounds[0], size, bounds[1], name=name)
+    # Rows and columns that no window covers are zero.
+    have = slice_of_shape(graph, full, axis, axis + 2, f"{name}_full_size")
+    before, after = (graph.int64s([0] * n, f"{name}_{what}") for n, what in ((4 + axis, "before"), (2 - axis, "after")))
+    lack = graph.op("Sub", size, have, name=f"{name}_lack")
+    pads = graph.op("Concat", before, lack, *([after] if axis == 1 else []), name=f"{name}_pads", axis=0)
+    fill = graph.const(0, f"{name}_fill", graph.dtype(like))
+    return graph.op("Pad", full, pads, fill, name=name, mode="constant")
+
+
+def channels_first(graph: Graph, value: str, name: str) -> str:
+    """(N, H, W, C) -> (N, C, H, W)."""
+    return graph.op("Transpose", value, name=name, perm=[0, 3, 1, 2])
+
+
+def slice_of_shape(graph: Graph, value: str, start: int, stop: int, name: str) -> str:
+    """int64 (stop - start,): sizes of a value along some of its axes."""
+    shape = graph.op("Shape", value, name=f"{name}_shape")
+    bounds = [graph.int64s([v], f"{name}_{what}") for v, what in ((start, "from"), (stop, "to"), (0, "axis"))]
+    return graph.op("Slice", shape, *bounds, name=name)
