@@ -57,7 +57,7 @@ def torch_saliency(
 
     def saliency(pixels: Array) -> npt.NDArray[np.float64]:
         x = torch.from_numpy(preprocess(pixels, settings, color)).to(kind)
-        # One channel's strides pass for channels last, where torch may round by place: flat areas would lose their ties.
+        # One channel's strides pass for channels last, where torch may round by place: flat areas lose their ties.
         x = x.clone(memory_format=torch.contiguous_format).requires_grad_(True)
         f = module(x)[0]
         (gradient,) = torch.autograd.grad(f, x, f.detach()) if differentiate else (f.detach(),)

@@ -68,8 +68,8 @@ def test_saliency_and_keypoints_of_the_exported_graph(vgg, name: str) -> None:
     for one, other in zip(found, wanted, strict=True):
         error = compare(one, other)
         assert error.share <= 2e-3, f"{error.share:.3%} of the pixels are off by more than 1e-4 of max S"
-        # One ReLU that switches by rounding: up to 3.0e-2 seen (strong JPEG, without AVX-512), where torch's own float32
-        # switches the same unit and is off by as much.
+        # One ReLU that switches by rounding: up to 3.0e-2 seen (strong JPEG, without AVX-512), where torch's own
+        # float32 switches the same unit and is off by as much.
         assert error.largest <= 5e-2, f"largest error {error.largest:.1e} of max S"
         count, agreeing = keypoint_agreement(one, other, preset("paper"))
         assert count > 5
