@@ -67,7 +67,7 @@ def test_the_presets_are_these() -> None:
         "fast", "default", "accurate", "paper", "paper-webcam", "paper-robust", "paper-components"
     )  # fmt: skip
     common = {"normalize": 0.95, "nms_radius": 6, "subpixel": True}
-    assert preset("fast") == DetectionParams(denoise=(3, 0.8), scale=0.33, **common)
+    assert preset("fast") == DetectionParams(denoise=(3, 0.8), scale=0.3, **common)
     assert preset("default") == DetectionParams(denoise=(5, 1.2), scale=0.5, **common)
     assert preset("accurate") == DetectionParams(denoise=(7, 1.8), scale=0.75, **common)
     for name in ("fast", "default", "accurate"):

@@ -1,8 +1,8 @@
-"""Writes the models that the runtime package carries: ELF-VGG at relu2_1, described by 128 values of conv3_3.
+"""Writes the models that the runtime package carries: ELF-VGG at relu2_1, described by 128 values of conv3_2.
 
     make models
 
-One network in fp32 and in int8.  The weights are found as by ``elf-export --net vgg``; those up to conv3_3 are in the
+One network in fp32 and in int8.  The weights are found as by ``elf-export --net vgg``; those up to conv3_2 are in the
 present fp32 model itself, so this needs no network once there is one.  models/README.md states the files' SHA-256.
 """
 
@@ -19,7 +19,7 @@ from elf_runtime.session import BUNDLED, bundled_model
 def main() -> int:
     for precision in BUNDLED:
         result = export_network(
-            "vgg", "relu2_1", ["conv3_3"], bundled_model(precision), weights=sys.argv[1] if sys.argv[1:] else None,
+            "vgg", "relu2_1", ["conv3_2"], bundled_model(precision), weights=sys.argv[1] if sys.argv[1:] else None,
             force=True, detection=preset("default"), log=print, precision=precision,
             reduction=Reduction(128, separate=precision == "fp32"),
         )  # fmt: skip

@@ -125,7 +125,7 @@ _PAPER_BY_NETWORK: dict[str, DetectionParams] = {
 # same part of the scene.
 DEFAULT = DetectionParams(denoise=(5, 1.2), normalize=0.95, nms_radius=6, scale=0.5, subpixel=True)
 _OURS: dict[str, DetectionParams] = {
-    "fast": replace(DEFAULT, scale=0.33, denoise=(3, 0.8)),
+    "fast": replace(DEFAULT, scale=0.3, denoise=(3, 0.8)),
     "default": DEFAULT,
     "accurate": replace(DEFAULT, scale=0.75, denoise=(7, 1.8)),
 }
