@@ -419,10 +419,14 @@ class ElfRuntime:
             if work.allowed is not None:
                 mask &= work.allowed
         with watch("nms"):
-            candidates = _without_border(mask, _length(params.border, work.scale))
+            border = _length(params.border, work.scale)
+            inside = _inside(mask.shape, border)
             found, strength = greedy_nms(
-                scores, candidates, _length(params.nms_radius, work.scale), params.max_keypoints
+                scores[inside], mask[inside], _length(params.nms_radius, work.scale), params.max_keypoints
             )
+            found += border
+            # The paper's scores are of 8 bits.
+            scores, strength = scores.astype(np.float32, copy=False), strength.astype(np.float32, copy=False)
         with watch("descriptors"):
             points = parabola_peaks(scores, found) if params.subpixel else found.astype(np.float32)
             descriptors = np.zeros((len(points), dim), np.float32)
@@ -473,13 +477,9 @@ def _length(pixels: int, scale: float) -> int:
     return max(1, round(pixels * scale)) if pixels else 0
 
 
-def _without_border(mask: npt.NDArray[np.bool_], border: int) -> npt.NDArray[np.bool_]:
-    inner = np.zeros_like(mask)
-    height, width = mask.shape
-    if height > 2 * border and width > 2 * border:
-        inside = np.s_[border : height - border, border : width - border]
-        inner[inside] = mask[inside]
-    return inner
+def _inside(shape: Shape, border: int) -> tuple[slice, ...]:
+    """What lies within a border, empty where that is all."""
+    return tuple(slice(border, max(border, size - border)) for size in shape)
 
 
 def _points(points: Any) -> Array:
