@@ -425,15 +425,15 @@ class ElfRuntime:
                 scores[inside], mask[inside], _length(params.nms_radius, work.scale), params.max_keypoints
             )
             found += border
-            # The paper's scores are of 8 bits.
-            scores, strength = scores.astype(np.float32, copy=False), strength.astype(np.float32, copy=False)
+            # The paper's scores were of 8 bits so far.
+            values, best = scores.astype(np.float32, copy=False), strength.astype(np.float32, copy=False)
         with watch("descriptors"):
-            points = parabola_peaks(scores, found) if params.subpixel else found.astype(np.float32)
+            points = parabola_peaks(values, found) if params.subpixel else found.astype(np.float32)
             descriptors = np.zeros((len(points), dim), np.float32)
             if spec is not None and len(points):
                 descriptors = sample(maps[spec.output][index], points, spec.stride, spec.offset)
-        features = Features(work.to_source(points), strength, descriptors, work.size, params.nms_radius)
-        return Trace(features, saliency, scores, mask, watch.seconds)
+        features = Features(work.to_source(points), best, descriptors, work.size, params.nms_radius)
+        return Trace(features, saliency, values, mask, watch.seconds)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float32]
-Scores = npt.NDArray[np.floating] | npt.NDArray[np.uint8]
+Scores = npt.NDArray[np.number]
 Index = npt.NDArray[np.intp]
 
 # Where fewer than a 64th of the pixels are left, looking around each of them is cheaper than a dilation of the map.
@@ -120,10 +120,11 @@ class _Frame:
         """Those of `index` that precede all others in their window."""
         if self._radius == 0:
             return index
-        # The first maximum of a window precedes the rest.  Most fail beside a neighbour, which is cheap to see, and
-        # on a plateau, where all are equal, all but one.
-        beside = (np.arange(-1, 2)[:, None] * self.stride + np.arange(-1, 2)).ravel()
-        index = index[self.values[index[:, None] + beside].argmax(axis=1) == beside.size // 2]
+        # The first maximum of a window is the one that precedes the rest.
+        if self._radius > 1:
+            # Most fail beside a neighbour, which is cheap to see, and on a plateau, where all are equal, all but one.
+            beside = (np.arange(-1, 2)[:, None] * self.stride + np.arange(-1, 2)).ravel()
+            index = index[self.values[index[:, None] + beside].argmax(axis=1) == beside.size // 2]
         kept = [np.zeros(0, np.intp)]
         for block in self._blocks(index):
             around = self._rows[block[:, None] + self._starts].reshape(block.size, -1)

@@ -9,11 +9,7 @@ import numpy.typing as npt
 from .params import Blur, DetectionParams
 
 Array = npt.NDArray[np.float32]
-Scores = npt.NDArray[np.float32] | npt.NDArray[np.uint8]
-
-# Every 61st value is looked at first: a prime, so that they are not all of a few columns.
-_STEP = 61
-_MARGIN = 0.02
+Scores = npt.NDArray[np.number]  # float32 or uint8
 
 
 def kapur(histogram: npt.NDArray[np.integer] | npt.NDArray[np.floating]) -> int:
@@ -77,7 +73,7 @@ def normalized(saliency: Array, params: DetectionParams) -> Scores:
     return _cut(scaled, out=scaled).astype(np.uint8) if params.quantize else scaled
 
 
-def _cut(values: Array, out: Array | None) -> Array:
+def _cut(values: Scores, out: Scores | None) -> Scores:
     """`values`, those above 255 being 255."""
     return np.asarray(cv2.threshold(values, 255.0, 255.0, cv2.THRESH_TRUNC, dst=out)[1])
 
@@ -89,13 +85,7 @@ def quantile(values: Array, q: float) -> float:
     if q == 1.0:
         return float(values.max())
     index = min(int(np.ceil(q * values.size)) - 1, values.size - 1)
-    # What exceeds a guess, made from a few of the values, is enough to look at, unless the guess is too high.
-    few = np.sort(values.ravel()[::_STEP])
-    upper = values[values >= few[max(0, int((q - _MARGIN) * few.size))]]
-    skipped = values.size - upper.size
-    if skipped > index:
-        upper, skipped = values.ravel(), 0
-    return float(np.partition(upper, index - skipped)[index - skipped])
+    return float(np.partition(values.ravel(), index)[index])
 
 
 def scores_and_mask(saliency: Array, params: DetectionParams) -> tuple[Array, npt.NDArray[np.bool_]]:
