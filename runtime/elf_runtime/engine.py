@@ -420,7 +420,7 @@ class ElfRuntime:
                 mask &= work.allowed
         with watch("nms"):
             border = _length(params.border, work.scale)
-            inside = _inside(mask.shape, border)
+            inside = tuple(slice(border, size - border) for size in mask.shape)  # empty where the border is all
             found, strength = greedy_nms(
                 scores[inside], mask[inside], _length(params.nms_radius, work.scale), params.max_keypoints
             )
@@ -475,11 +475,6 @@ class _Stopwatch:
 def _length(pixels: int, scale: float) -> int:
     """A length of the source image in working pixels; a positive one stays positive."""
     return max(1, round(pixels * scale)) if pixels else 0
-
-
-def _inside(shape: Shape, border: int) -> tuple[slice, ...]:
-    """What lies within a border, empty where that is all."""
-    return tuple(slice(border, max(border, size - border)) for size in shape)
 
 
 def _points(points: Any) -> Array:
