@@ -67,12 +67,16 @@ def greedy_nms(
             if peaks.size * frame.side**2 > 4 * size:
                 points, _ = greedy_nms(_numbered(scores, mask), mask, radius, limit)
                 return points, scores[points[:, 1], points[:, 0]]
+            if limit is not None and peaks.size > limit:
+                # The best are enough for now: with them taken, the rest is most often below the limit.
+                worth = frame.values[peaks]
+                peaks = peaks[worth >= np.partition(worth, -limit)[-limit]]
         else:
             peaks = left
         peaks = frame.first(peaks)
         taken, best = np.append(taken, peaks), np.append(best, frame.values[peaks])
         frame.clear(peaks)
-        if limit is not None and best.size > limit:
+        if limit is not None and best.size >= limit:
             least = np.partition(best, -limit)[-limit]
         if left is not None:
             left = left[frame.values[left] >= least]
