@@ -92,9 +92,23 @@ def test_limits_and_masks(elf: ElfRuntime, image: np.ndarray) -> None:
     assert (nothing.keypoints.shape, nothing.scores.shape, nothing.descriptors.shape) == ((0, 2), (0,), (0, 8))
     wide = elf.detect(image, border=40).keypoints
     assert (wide >= 40).all()
+    height, width = image.shape[:2]
+    assert (wide < [width - 40, height - 40]).all()
+    for all_of_it in ((min(height, width) + 1) // 2, 10 * width):
+        assert len(elf.detect(image, border=all_of_it)) == 0
     far = elf.detect(image, nms_radius=25).keypoints
     gaps = np.abs(far[:, None] - far[None]).max(2) + 1e9 * np.eye(len(far))
     assert gaps.min() > 25
+
+
+@pytest.mark.parametrize("quantize", [False, True])
+def test_scores_are_floats_at_the_keypoints(elf: ElfRuntime, image: np.ndarray, quantize: bool) -> None:
+    traced = elf.trace(image, quantize=quantize, scale=1.0, border=7, subpixel=False)
+    assert traced.scores.dtype == traced.features.scores.dtype == np.float32
+    x, y = traced.features.keypoints.astype(int).T
+    assert len(x)
+    np.testing.assert_array_equal(traced.features.scores, traced.scores[y, x])
+    assert traced.mask[y, x].all()
 
 
 def test_a_flat_image_is_the_empty_result(elf: ElfRuntime) -> None:

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from elf_runtime import nms
 from elf_runtime.nms import greedy_nms
 
-Array = npt.NDArray[np.float32]
+Array = npt.NDArray[np.number]
 
 
 def plain_loop(scores: Array, mask: npt.NDArray[np.bool_], radius: int) -> list[tuple[int, int]]:
     """The definition: by descending score, ties in raster order, each taken candidate clears its window."""
     height, width = scores.shape
     candidates = [(y, x) for y in range(height) for x in range(width) if mask[y, x]]
-    candidates.sort(key=lambda p: (-scores[p], p))
+    candidates.sort(key=lambda p: (-float(scores[p]), p))
     alive = mask.copy()
     taken = []
     for y, x in candidates:
@@ -56,6 +56,21 @@ def test_equals_the_plain_loop(
         check(raw.astype(np.float32), mask, radius, limit)
 
 
+@settings(max_examples=100, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1), st.integers(0, 4), st.sampled_from([2, 20, 256]), st.floats(0.0, 1.0),
+    st.none() | st.integers(0, 60), st.sampled_from([1, 64, 10**9]),
+)  # fmt: skip
+def test_eight_bits(seed: int, radius: int, levels: int, density: float, limit: int | None, dense: int) -> None:
+    """As numbers they have nothing below 0 to mark what is no candidate, and no negative to sort by."""
+    rng = np.random.default_rng(seed)
+    scores = rng.integers(0, levels, (30, 40), np.uint8)
+    mask = (rng.random(scores.shape) < density) & (scores > 0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("elf_runtime.nms._DENSE", dense)
+        check(scores, mask, radius, limit)
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(1, 7), st.none() | st.integers(0, 60))
 def test_smooth_maps_with_plateaus(seed: int, radius: int, levels: int, limit: int | None) -> None:
@@ -82,9 +97,10 @@ def test_large_plateaus_are_numbered(monkeypatch: pytest.MonkeyPatch, limit: int
     rng = np.random.default_rng(0)
     check(np.ones((40, 50), np.float32), rng.random((40, 50)) < 0.9, 3, limit)
     check(rng.integers(0, 4, (60, 50)).astype(np.float32), np.ones((60, 50), np.bool_), 2, limit)
-    assert len(calls) == 2
+    check(rng.integers(1, 5, (60, 50), np.uint8), np.ones((60, 50), np.bool_), 2, limit)
+    assert len(calls) == 3
     check(rng.random((60, 50)).astype(np.float32), np.ones((60, 50), np.bool_), 2, limit)
-    assert len(calls) == 2
+    assert len(calls) == 3
 
 
 @pytest.mark.parametrize("radius", [0, 1, 2, 5])

@@ -138,3 +138,24 @@ def test_only_the_level_sees_the_cut(denoise: tuple[int, float]) -> None:
     scores, smooth = blurred(saliency, DetectionParams(denoise=denoise, normalize=0.5))
     np.testing.assert_array_equal(saliency, before)
     assert scores.max() > 255.0 >= smooth.max()
+
+
+@pytest.mark.parametrize("threshold", ["kapur", "none", 0.0, 0.001, 0.2, float(np.nextafter(0.2, 1)), 0.5, 1.0])
+def test_eight_bit_scores_pass_as_the_same_floats_do(threshold: str | float) -> None:
+    """A hair above 0.2 the level is 51 like the scores, in float32, and 52 is not the next one to pass."""
+    scores = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    params = DetectionParams(threshold=threshold)
+    found, wanted = (passing(s, scores, params) for s in (scores, scores.astype(np.float32)))
+    np.testing.assert_array_equal(found, wanted)
+
+
+@pytest.mark.parametrize("normalize", [1.0, 0.9])
+def test_eight_bits_are_kept_up_to_the_keypoints(normalize: float) -> None:
+    saliency = np.random.default_rng(0).random((40, 50), np.float32)
+    params = DetectionParams(quantize=True, normalize=normalize)
+    scores, smooth = blurred(saliency, params)
+    assert scores.dtype == smooth.dtype == np.uint8
+    floats, mask = scores_and_mask(saliency, params)
+    assert floats.dtype == np.float32
+    np.testing.assert_array_equal(floats, scores)
+    assert mask.any()

@@ -33,25 +33,21 @@ def sample(feature_map: Array, points: Array, stride: float, offset: float) -> A
     x0 = np.minimum(x.astype(np.int64), max(width - 2, 0))
     y0 = np.minimum(y.astype(np.int64), max(height - 2, 0))
     x1, y1 = np.minimum(x0 + 1, width - 1), np.minimum(y0 + 1, height - 1)
-    fx, fy = (x - x0).astype(np.float32)[:, None], (y - y0).astype(np.float32)[:, None]
+    fx, fy = (x - x0).astype(np.float32), (y - y0).astype(np.float32)
     rows = feature_map.reshape(-1, dim)
-    corners = [y0 * width + x0, y0 * width + x1, y1 * width + x0, y1 * width + x1]
-    weights = [(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy]
+    corners = np.stack([y0 * width + x0, y0 * width + x1, y1 * width + x0, y1 * width + x1], axis=1)
+    weights = np.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy], axis=1)
     out = np.empty((len(x), dim), np.float32)
     step = max(1, _BLOCK // max(1, dim))
     # The blocks share their buffers, which stay in the cache.  No index is out of range: "clip" only saves a check.
-    corner, wide = np.empty((min(step, len(x)), dim), np.float32), np.empty((min(step, len(x)), dim))
+    around, wide = np.empty((min(step, len(x)), 4, dim), np.float32), np.empty((min(step, len(x)), dim))
     for start in range(0, len(x), step):
         part = slice(start, start + step)
         total = out[part]
-        term = corner[: len(total)]
-        np.take(rows, corners[0][part], axis=0, out=total, mode="clip")
-        total *= weights[0][part]
-        for at, weight in zip(corners[1:], weights[1:], strict=True):
-            np.take(rows, at[part], axis=0, out=term, mode="clip")
-            term *= weight[part]
-            total += term
-        total[...] = _unit(total, wide[: len(total)])
+        size = len(total)
+        np.take(rows, corners[part], axis=0, out=around[:size], mode="clip")
+        np.einsum("nk,nkd->nd", weights[part], around[:size], out=total)
+        total[...] = _unit(total, wide[:size])
     return out
 
 

@@ -419,17 +419,21 @@ class ElfRuntime:
             if work.allowed is not None:
                 mask &= work.allowed
         with watch("nms"):
-            candidates = _without_border(mask, _length(params.border, work.scale))
+            border = _length(params.border, work.scale)
+            inside = tuple(slice(border, size - border) for size in mask.shape)  # empty where the border is all
             found, strength = greedy_nms(
-                scores, candidates, _length(params.nms_radius, work.scale), params.max_keypoints
+                scores[inside], mask[inside], _length(params.nms_radius, work.scale), params.max_keypoints
             )
+            found += border
+            # The paper's scores were of 8 bits so far.
+            values, best = scores.astype(np.float32, copy=False), strength.astype(np.float32, copy=False)
         with watch("descriptors"):
-            points = parabola_peaks(scores, found) if params.subpixel else found.astype(np.float32)
+            points = parabola_peaks(values, found) if params.subpixel else found.astype(np.float32)
             descriptors = np.zeros((len(points), dim), np.float32)
             if spec is not None and len(points):
                 descriptors = sample(maps[spec.output][index], points, spec.stride, spec.offset)
-        features = Features(work.to_source(points), strength, descriptors, work.size, params.nms_radius)
-        return Trace(features, saliency, scores, mask, watch.seconds)
+        features = Features(work.to_source(points), best, descriptors, work.size, params.nms_radius)
+        return Trace(features, saliency, values, mask, watch.seconds)
 
 
 @dataclass(frozen=True)
@@ -471,15 +475,6 @@ class _Stopwatch:
 def _length(pixels: int, scale: float) -> int:
     """A length of the source image in working pixels; a positive one stays positive."""
     return max(1, round(pixels * scale)) if pixels else 0
-
-
-def _without_border(mask: npt.NDArray[np.bool_], border: int) -> npt.NDArray[np.bool_]:
-    inner = np.zeros_like(mask)
-    height, width = mask.shape
-    if height > 2 * border and width > 2 * border:
-        inside = np.s_[border : height - border, border : width - border]
-        inner[inside] = mask[inside]
-    return inner
 
 
 def _points(points: Any) -> Array:

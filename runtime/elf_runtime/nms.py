@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float32]
-Scores = npt.NDArray[np.floating]
+Scores = npt.NDArray[np.number]
 Index = npt.NDArray[np.intp]
 
 # Where fewer than a 64th of the pixels are left, looking around each of them is cheaper than a dilation of the map.
@@ -38,7 +39,7 @@ def greedy_nms(
 
     Parameters
     ----------
-    scores : (H, W) float32 or float64, finite
+    scores : (H, W) float32 or float64, finite; or uint8, above 0 where `mask`
     mask : (H, W) bool
         The candidates.
     radius : int, >= 0
@@ -50,24 +51,36 @@ def greedy_nms(
     points : (K, 2) int64, (x, y) in the loop's order
     scores : (K,), of the dtype given, descending
     """
-    frame = _Frame(scores, mask, radius)
-    size = frame.values.size
-    least = np.float32(np.inf) if limit == 0 else np.finfo(np.float32).min
     taken, best = np.zeros(0, np.intp), np.zeros(0, scores.dtype)
-    left: Index | None = None
+    if limit == 0 or not mask.any():
+        return np.zeros((0, 2), np.int64), best
+    frame = _Frame(scores, mask, radius)
+    size, least = frame.values.size, frame.least
+    left: Index | None = None  # the candidates, once they are few
     while left is None or left.size:
-        dense = left is None or left.size * _DENSE > size
-        peaks = frame.highest(least) if dense or left is None else left
-        if dense and peaks.size * frame.side**2 > 4 * size:
-            points, _ = greedy_nms(_numbered(scores, mask), mask, radius, limit)
-            return points, scores[points[:, 1], points[:, 0]]
+        if left is None:
+            remaining = frame.values >= least
+            if np.count_nonzero(remaining) * _DENSE <= size:
+                left = np.flatnonzero(remaining)
+        if left is None:
+            peaks = frame.highest(remaining)
+            if peaks.size * frame.side**2 > 4 * size:
+                points, _ = greedy_nms(_numbered(scores, mask), mask, radius, limit)
+                return points, scores[points[:, 1], points[:, 0]]
+            if limit is not None and peaks.size > limit:
+                # The best are enough for now: with them taken, the rest is most often below the limit.
+                worth = frame.values[peaks]
+                peaks = peaks[worth >= np.partition(worth, -limit)[-limit]]
+        else:
+            peaks = left
         peaks = frame.first(peaks)
         taken, best = np.append(taken, peaks), np.append(best, frame.values[peaks])
         frame.clear(peaks)
-        if limit is not None and best.size > limit:
+        if limit is not None and best.size >= limit:
             least = np.partition(best, -limit)[-limit]
-        left = np.flatnonzero(frame.values >= least) if left is None else left[frame.values[left] >= least]
-    order = np.lexsort((taken, -best))[:limit]
+        if left is not None:
+            left = left[frame.values[left] >= least]
+    order = np.lexsort((taken, -best.astype(np.float64)))[:limit]
     y, x = np.divmod(taken[order], frame.stride)
     return np.stack([x - radius, y - radius], axis=1).astype(np.int64, copy=False), best[order]
 
@@ -75,21 +88,25 @@ def greedy_nms(
 def _numbered(scores: Scores, mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
     """The candidates' numbers in the loop's order, the first one's the highest: the same order without ties."""
     candidates = np.flatnonzero(mask)
-    order = candidates[np.argsort(-scores.ravel()[candidates], kind="stable")]
+    order = candidates[np.argsort(-scores.ravel()[candidates].astype(np.float64), kind="stable")]
     numbers = np.zeros(scores.shape)
     numbers.ravel()[order] = np.arange(order.size, 0, -1)
     return numbers
 
 
 class _Frame:
-    """The remaining candidates' scores, within a frame of -inf as wide as the radius: every window lies inside.
+    """The remaining candidates' scores, within a frame as wide as the radius: every window lies inside.
 
-    Pixels are flat indices into `values`, whose order is the raster order of the map.
+    What is no candidate, the frame included, is -inf, or 0 among 8-bit scores.  Pixels are flat indices into
+    `values`, whose order is the raster order of the map.
     """
 
     def __init__(self, scores: Scores, mask: npt.NDArray[np.bool_], radius: int) -> None:
         height, width = scores.shape
-        self._map = np.full((height + 2 * radius, width + 2 * radius), -np.inf, scores.dtype)
+        eight_bits = scores.dtype == np.uint8
+        self.least: Any = 1 if eight_bits else np.finfo(np.float32).min
+        self._none = 0 if eight_bits else -np.inf
+        self._map = np.full((height + 2 * radius, width + 2 * radius), self._none, scores.dtype)
         cv2.copyTo(scores, mask.view(np.uint8), self._map[radius : radius + height, radius : radius + width])
         self.values, self.stride = self._map.ravel(), width + 2 * radius
         self._radius, self.side = radius, 2 * radius + 1
@@ -97,33 +114,31 @@ class _Frame:
         self._starts = np.arange(-radius, radius + 1) * self.stride - radius
         self._rows = np.lib.stride_tricks.sliding_window_view(self.values, self.side, writeable=True)
 
-    def highest(self, least: np.floating) -> Index:
-        """The candidates of at least that score that none in their window exceeds."""
+    def highest(self, remaining: npt.NDArray[np.bool_]) -> Index:
+        """Those of `remaining`, a mask of `values`, that none in their window exceeds."""
         window = np.ones((self.side, self.side), np.uint8)
-        highest = cv2.dilate(self._map, window, borderType=cv2.BORDER_CONSTANT, borderValue=-np.inf)
-        return np.flatnonzero(self._map == np.maximum(highest, least, out=highest))
+        highest = cv2.dilate(self._map, window, borderType=cv2.BORDER_CONSTANT, borderValue=self._none)
+        return np.flatnonzero(remaining & (self.values == highest.ravel()))
 
     def first(self, index: Index) -> Index:
         """Those of `index` that precede all others in their window."""
         if self._radius == 0:
             return index
-        # Most fail beside a neighbour, which is cheap to see, and on a plateau, where all are equal, all but one.
-        for offset in (-1, -self.stride, -self.stride - 1, -self.stride + 1):
-            index = index[self.values[index + offset] < self.values[index]]
-            index = index[self.values[index - offset] <= self.values[index]]
-        middle = self.side * self.side // 2
+        # The first maximum of a window is the one that precedes the rest.
+        if self._radius > 1:
+            # Most fail beside a neighbour, which is cheap to see, and on a plateau, where all are equal, all but one.
+            beside = (np.arange(-1, 2)[:, None] * self.stride + np.arange(-1, 2)).ravel()
+            index = index[self.values[index[:, None] + beside].argmax(axis=1) == beside.size // 2]
         kept = [np.zeros(0, np.intp)]
         for block in self._blocks(index):
             around = self._rows[block[:, None] + self._starts].reshape(block.size, -1)
-            own = self.values[block, None]
-            free = (around[:, :middle] < own).all(axis=1) & (around[:, middle:] <= own).all(axis=1)
-            kept.append(block[free])
+            kept.append(block[around.argmax(axis=1) == around.shape[1] // 2])
         return np.concatenate(kept)
 
     def clear(self, index: Index) -> None:
         """Take what the windows cover from the candidates."""
         for block in self._blocks(index):
-            self._rows[block[:, None] + self._starts] = -np.inf
+            self._rows[block[:, None] + self._starts] = self._none
 
     def _blocks(self, index: Index) -> Iterator[Index]:
         most = max(1, _BLOCK // self.side**2)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from .params import Blur, DetectionParams
 
 Array = npt.NDArray[np.float32]
+Scores = npt.NDArray[np.number]  # float32 or uint8
 
 
 def kapur(histogram: npt.NDArray[np.integer] | npt.NDArray[np.floating]) -> int:
@@ -45,7 +46,7 @@ def kapur(histogram: npt.NDArray[np.integer] | npt.NDArray[np.floating]) -> int:
     return int(np.argmax(total))
 
 
-def gaussian(image: Array, blur: Blur) -> Array:
+def gaussian(image: Scores, blur: Blur) -> Scores:
     """``mu x mu`` Gaussian blur of standard deviation sigma, mirrored at the border (OpenCV's default)."""
     size, sigma = blur
     if size == 1:
@@ -53,7 +54,7 @@ def gaussian(image: Array, blur: Blur) -> Array:
     return np.asarray(cv2.GaussianBlur(image, (size, size), sigma))
 
 
-def normalized(saliency: Array, params: DetectionParams) -> Array:
+def normalized(saliency: Array, params: DetectionParams) -> Scores:
     """`saliency` scaled so that its maximum, or the quantile ``params.normalize``, becomes 255.
 
     Parameters
@@ -69,7 +70,12 @@ def normalized(saliency: Array, params: DetectionParams) -> Array:
     if not top > 0.0:
         top = float(saliency.max(initial=0.0))
     scaled = saliency * np.float32(255.0 / top) if top > 0.0 else np.zeros(saliency.shape, np.float32)
-    return np.minimum(scaled, 255.0).astype(np.uint8) if params.quantize else scaled
+    return _cut(scaled, out=scaled).astype(np.uint8) if params.quantize else scaled
+
+
+def _cut(values: Scores, out: Scores | None) -> Scores:
+    """`values`, those above 255 being 255."""
+    return np.asarray(cv2.threshold(values, 255.0, 255.0, cv2.THRESH_TRUNC, dst=out)[1])
 
 
 def quantile(values: Array, q: float) -> float:
@@ -95,30 +101,30 @@ def scores_and_mask(saliency: Array, params: DetectionParams) -> tuple[Array, np
     mask : (H, W) bool
     """
     scores, smooth = blurred(saliency, params)
-    return scores, passing(scores, smooth, params)
+    return scores.astype(np.float32, copy=False), passing(scores, smooth, params)
 
 
-def blurred(saliency: Array, params: DetectionParams) -> tuple[Array, Array]:
+def blurred(saliency: Array, params: DetectionParams) -> tuple[Scores, Scores]:
     """The two blurs of the normalised saliency.
 
     Returns
     -------
-    scores : (H, W) float32, >= 0
+    scores : (H, W) float32, >= 0; uint8 where ``params.quantize``
         Blurred by `denoise`: its maxima are the keypoints.
     smooth : (H, W) float32 in [0, 255]; uint8 where ``params.quantize``
         Blurred by `threshold_blur`: Kapur's level is chosen from it.  `scores` where none is.
     """
     level_map = normalized(saliency, params)
-    scores = gaussian(level_map, params.denoise).astype(np.float32, copy=False)
+    scores = gaussian(level_map, params.denoise)
     if params.threshold != "kapur":
         return scores, scores
     if params.normalize < 1.0 and not params.quantize:
         # Cut off for the level only: maxima cut off would be plateaus, without a place.
-        level_map = np.minimum(level_map, np.float32(255.0), out=None if scores is level_map else level_map)
+        level_map = _cut(level_map, out=None if scores is level_map else level_map)
     return scores, gaussian(level_map, params.threshold_blur)
 
 
-def passing(scores: Array, smooth: Array, params: DetectionParams) -> npt.NDArray[np.bool_]:
+def passing(scores: Scores, smooth: Scores, params: DetectionParams) -> npt.NDArray[np.bool_]:
     """The pixels whose score reaches the level: Kapur's of `smooth`, or a fixed fraction of the range.
 
     The level comes from the one blur and is held against the other: the paper chooses it on the map blurred for
@@ -137,5 +143,7 @@ def passing(scores: Array, smooth: Array, params: DetectionParams) -> npt.NDArra
         level = float(kapur(counts) + 1)  # the lowest value of the bins above; 0 where one bin holds everything
     else:
         level = 255.0 * float(params.threshold)
+    if scores.dtype == np.uint8:
+        level = int(np.ceil(np.float32(level)))  # the same pixels, without a detour through floats
     # A zero score is no keypoint, whatever the level.
-    return scores >= level if level > 0.0 else scores > 0
+    return scores >= level if level > 0 else scores > 0
