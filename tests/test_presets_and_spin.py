@@ -87,7 +87,7 @@ def test_default_is_the_model_s_own() -> None:
 def test_the_presets_differ_in_what_the_network_sees() -> None:
     elf, image = ElfRuntime(threads=1), textured(240, 320)
     sizes = [elf.trace(image, preset=name).saliency.shape for name in ("fast", "default", "accurate")]
-    assert sizes == [(79, 106), (120, 160), (180, 240)]
+    assert sizes == [(72, 96), (120, 160), (180, 240)]
 
 
 # -- threads that wait -------------------------------------------------------------------------------------------
