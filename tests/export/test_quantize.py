@@ -23,7 +23,9 @@ from elf_export.graph import Graph, attributes
 from elf_export.networks import get_network
 from elf_export.passes import cut
 from elf_export.quantize import quantize
-from elf_export.quantize.rewrite import FINE, candidates, rewrite
+from elf_export.quantize.choice import candidates
+from elf_export.quantize.convolve import FINE
+from elf_export.quantize.rewrite import rewrite
 from elf_export.quantize.scheme import LEVELS, SHARES, WEIGHT_LEVELS, Scheme, fitted, reaching, weights
 from elf_export.saliency import build_saliency
 from elf_runtime import InputSpec
@@ -111,6 +113,10 @@ NETWORKS: dict[str, Layers] = {
     "clipped": ["conv3", "clip", "conv3", "clip"],
     "normalized": ["conv3", "relu", "lrn", "pool3", "conv3", "relu"],
     "average": ["conv3", "relu", "average", "conv3", "relu"],
+    "strided inside": ["conv3", "relu", "stride", "relu", "conv3", "relu"],
+    "depthwise": ["conv3", "clip", "each stride", "clip", "conv3"],
+    "padded pool": ["stride", "relu", "pool3 padded", "conv3", "relu"],
+    "reaching pool": ["conv3", "relu", "pool3 ceil", "conv3", "relu"],
 }
 WIDTH = 8
 
@@ -121,15 +127,16 @@ def forward(layers: Layers, seed: int = 0) -> onnx.ModelProto:
     nodes, tensors, value, width = [], [], "x", 3
     for index, kind in enumerate(layers):
         out = f"v{index}"
-        if kind in ("conv3", "stride", "shortcut"):
-            kernel = rng.standard_normal((WIDTH, width, 3, 3)) * np.sqrt(2 / (9 * width))
+        if kind in ("conv3", "stride", "shortcut", "each stride"):
+            per_group = 1 if kind == "each stride" else width
+            kernel = rng.standard_normal((WIDTH, per_group, 3, 3)) * np.sqrt(2 / (9 * per_group))
             bias = 0.2 * rng.standard_normal(WIDTH)
             tensors += [numpy_helper.from_array(kernel.astype(np.float32), f"{out}_w"),
                         numpy_helper.from_array(bias.astype(np.float32), f"{out}_b")]  # fmt: skip
-            strides = [2, 2] if kind == "stride" else [1, 1]
+            strides = [2, 2] if kind.endswith("stride") else [1, 1]
             made = f"{out}_conv" if kind == "shortcut" else out
             nodes.append(helper.make_node("Conv", [value, f"{out}_w", f"{out}_b"], [made], name=made,
-                                          pads=[1] * 4, strides=strides))  # fmt: skip
+                                          pads=[1] * 4, strides=strides, group=width // per_group))  # fmt: skip
             if kind == "shortcut":
                 nodes.append(helper.make_node("Add", [made, value], [out], name=out))
             width = WIDTH
@@ -146,8 +153,9 @@ def forward(layers: Layers, seed: int = 0) -> onnx.ModelProto:
         elif kind == "average":
             nodes.append(helper.make_node("AveragePool", [value], [out], name=out, kernel_shape=[2, 2], strides=[2, 2]))
         else:
-            size = 3 if kind == "pool3" else 2
-            nodes.append(helper.make_node("MaxPool", [value], [out], name=out, kernel_shape=[size] * 2, strides=[2, 2]))
+            size = 3 if kind.startswith("pool3") else 2
+            nodes.append(helper.make_node("MaxPool", [value], [out], name=out, kernel_shape=[size] * 2, strides=[2, 2],
+                                          pads=[int("padded" in kind)] * 4, ceil_mode=int("ceil" in kind)))  # fmt: skip
         value = out
     image = helper.make_tensor_value_info("x", TensorProto.FLOAT, ["N", 3, "H", "W"])
     output = helper.make_tensor_value_info(value, TensorProto.FLOAT, None)
@@ -285,6 +293,9 @@ def test_every_convolution_is_in_integers(network: Network) -> None:
     convolutions = [node for node in graph.nodes if node.op_type == "Conv"]
     assert len(convolutions) >= sum(node.op_type == "Conv" for node in model.graph.node)
     for node in convolutions:
+        depthwise = attributes(node).get("group", 1) > 1
+        if depthwise and node.input[0] in makers and makers[node.input[0]].op_type != "DequantizeLinear":
+            continue  # so few multiplications are not worth rounding for
         assert {makers[name].op_type for name in node.input} == {"DequantizeLinear"}, node.name
         assert graph.shape(node.input[1])[1] % 4 == 0 or attributes(node).get("group", 1) > 1, node.name
     for tensor in lowered.graph.initializer:
@@ -299,17 +310,22 @@ def test_masks_are_exact(network: Network) -> None:
     makers = graph.producers()
     masks = [node for node in graph.nodes if node.op_type == "HardSigmoid" and f"{node.output[0]}/q" in made]
     steps = [node for node in masks if makers[node.input[0]].name.endswith("_difference")]
-    signs = [node for node in masks if node not in steps]
-    sources = {n.output[0]: makers[n.input[0]].input[0] for n in steps} | {n.output[0]: n.input[0] for n in signs}
+    rooms = [node for node in masks if makers[node.input[0]].name.endswith("/room")]
+    signs = [node for node in masks if node not in steps and node not in rooms]
+    sources = {n.output[0]: makers[n.input[0]].input[0] for n in (*steps, *rooms)}
+    sources |= {n.output[0]: n.input[0] for n in signs}
     if not sources:
         pytest.skip("no ReLU or max-pool of rounded values")
     names = [f"{name}/q" for name in (*sources, *sources.values())]
     found = with_values(lowered, list(dict.fromkeys(names)), x)
-    for node in (*steps, *signs):
+    for node in (*steps, *rooms, *signs):
         mask, source = node.output[0], sources[node.output[0]]
         q = torch.tensor(found[f"{source}/q"].astype(np.float64))
         if node in signs:
             wanted = q > 0
+        elif node in rooms:
+            assert {0, 255} < set(q.numpy().ravel())
+            wanted = (q > 0) & (q < 255)
         else:
             difference = makers[node.input[0]]
             given = attributes(difference)
@@ -327,12 +343,19 @@ def steps_in(model: onnx.ModelProto) -> set[str]:
 
 
 def with_rounded_weights(model: onnx.ModelProto) -> onnx.ModelProto:
-    """Every Conv's kernel in 127 levels a channel; a ConvTranspose that has the same one keeps it."""
+    """Every Conv's kernel in 127 levels a channel, a ConvTranspose's in as many for each channel of each phase."""
     result, steps, graph = onnx.ModelProto(), steps_in(model), Graph(model)
     result.CopyFrom(model)
     for node in result.graph.node:
         if node.op_type == "Conv" and node.output[0] not in steps:
             rounded = in_127_levels(graph.constant(node.input[1]).astype(np.float64))
+        elif node.op_type == "ConvTranspose":
+            rounded, (top, left) = graph.constant(node.input[1]).astype(np.float64), attributes(node)["pads"][:2]
+            outputs = 0 if attributes(node).get("group", 1) > 1 else 1
+            for a, b in np.ndindex(2, 2):
+                part = rounded[:, :, (a + top) % 2 :: 2, (b + left) % 2 :: 2]
+                part[:] = in_127_levels(part.swapaxes(0, outputs)).swapaxes(0, outputs)
+        if node.op_type == "ConvTranspose" or (node.op_type == "Conv" and node.output[0] not in steps):
             node.input[1] = f"{node.output[0]}/127"
             result.graph.initializer.append(numpy_helper.from_array(rounded.astype(np.float32), node.input[1]))
     return result
@@ -369,7 +392,8 @@ def test_it_computes_what_rounding_each_value_gives(network: Network) -> None:
     (saliency,) = session(lowered).run(None, {"x": x})
     (last,) = (node.input[0] for node in model.graph.node if node.op_type == "Abs")
     wanted = values["saliency"]
-    both = rounded_values(lowered).get(f"{last}/both")
+    ends = (f"{last}/both", f"{last}_full/phases")
+    both = next((scheme for name, scheme in rounded_values(lowered).items() if name in ends), None)
     if both is not None:
         wanted = in_two_steps(values[last], both).mean(axis=1)
     off = np.abs(saliency - wanted)

@@ -8,8 +8,9 @@ from elf_export.calibration import CalibrationSet
 from elf_export.errors import ExportError
 from elf_runtime import InputSpec
 
+from .choice import candidates
 from .ranges import schemes_for
-from .rewrite import candidates, rewrite
+from .rewrite import rewrite
 
 __all__ = ["quantize"]
 
