@@ -7,7 +7,7 @@ comes from floats is rounded for convolutions alone, for the same reason.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import onnx
@@ -23,7 +23,9 @@ from .spread import spread
 from .state import Rewriting
 
 
-def rewrite(model: onnx.ModelProto, schemes: Mapping[str, Scheme]) -> onnx.ModelProto:
+def rewrite(
+    model: onnx.ModelProto, schemes: Mapping[str, Scheme], left: Collection[str] = ()
+) -> tuple[onnx.ModelProto, dict[str, str]]:
     """A copy of `model` with its convolutions, and what lies between them, in 8-bit integers.
 
     Parameters
@@ -32,13 +34,21 @@ def rewrite(model: onnx.ModelProto, schemes: Mapping[str, Scheme]) -> onnx.Model
         In float32, opset 13 or later.
     schemes : mapping
         How to round the values of `candidates(model)`.
+    left : collection of str
+        Results of convolutions that stay in floats.
+
+    Returns
+    -------
+    model : onnx.ModelProto
+    origins : dict
+        Result of each 8-bit convolution -> that of the node which it takes the place of.
     """
-    state = Rewriting(model, schemes)
+    state = Rewriting(model, schemes, left)
     for node in state.old:
         _visit(state, node)
     result = state.graph.model
     del result.graph.value_info[:]
-    return cut(result, [value.name for value in result.graph.output])
+    return cut(result, [value.name for value in result.graph.output]), state.origins
 
 
 def _visit(state: Rewriting, node: onnx.NodeProto) -> None:
@@ -58,7 +68,10 @@ def _visit(state: Rewriting, node: onnx.NodeProto) -> None:
 def _is_fed_integers(state: Rewriting, node: onnx.NodeProto) -> bool:
     """Whether the convolution's input is in integers, or has been put into such for its sake."""
     x = node.input[0]
-    if x not in state.rounding and x in state.schemes and attributes(node).get("group", 1) == 1:
+    if node.output[0] in state.left:
+        return False
+    dear = attributes(node).get("group", 1) == 1 or node.op_type == "ConvTranspose"
+    if x not in state.rounding and x in state.schemes and dear:
         # Others may compare it with what is not rounded, such as a max-pool's inputs with its result.
         state.round(x, state.schemes[x])
         state.inside.add(x)
@@ -77,10 +90,12 @@ def _convolution(state: Rewriting, node: onnx.NodeProto) -> None:
     if after is not None and after.op_type == "Abs" and bias is None and y in state.schemes:
         both = state.graph.unique(f"{y}/both")
         convolve(state, node, x, two_steps_of(kernel, BREADTH), None, both)
+        state.origins[both] = y
         state.round(both, state.schemes[y])
         magnitude_of_two(state, y, both, len(kernel))
         return
     convolve(state, node, x, kernel, bias, y)
+    state.origins[y] = y
     state.convolved.add(y)
     if x in state.masks:
         state.round_mask(y)

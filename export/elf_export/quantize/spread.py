@@ -81,6 +81,7 @@ def _convolved(
         "Conv", node.input[:1], [name], name=name, kernel_shape=size, pads=pads, group=attributes(node).get("group", 1)
     )
     convolve(state, conv, node.input[0], part.reshape(-1, *part.shape[2:]), None, name)
+    state.origins[name] = node.output[0]
     state.round(name, scheme)
     return state.integers[name]
 

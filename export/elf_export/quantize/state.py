@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import onnx
@@ -19,6 +19,7 @@ class Rewriting:
     Attributes
     ----------
     schemes : how to round what needs a scheme of its own
+    left : results of convolutions that stay in floats
     old, readers, makers : the float graph's nodes, who reads a value in it, and who makes it
     integers : a value -> its integers
     twins : a value -> the rounded one that its readers get
@@ -26,12 +27,16 @@ class Rewriting:
     inside : rounded for convolutions alone
     convolved : made by 8-bit convolutions
     masks : of zeros and ones
+    origins : the result of an 8-bit convolution -> that of the node that it takes the place of
     shared : products with masks -> the scheme of the sums that they are put together with
     """
 
-    def __init__(self, model: onnx.ModelProto, schemes: Mapping[str, Scheme]) -> None:
+    def __init__(
+        self, model: onnx.ModelProto, schemes: Mapping[str, Scheme], left: Collection[str] = ()
+    ) -> None:
         self.graph = Graph(model)
         self.schemes = schemes
+        self.left = left
         self.old = [onnx.NodeProto.FromString(node.SerializeToString()) for node in self.graph.nodes]
         self.readers = self.graph.consumers()
         self.makers = {name: node for node in self.old for name in node.output}
@@ -42,6 +47,7 @@ class Rewriting:
         self.inside: set[str] = set()
         self.convolved: set[str] = set()
         self.masks: set[str] = set()
+        self.origins: dict[str, str] = {}
         self.shared = self._shared_schemes()
         del self.graph.model.graph.node[:]
 
