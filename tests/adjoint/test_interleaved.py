@@ -80,6 +80,53 @@ def test_what_no_window_covers_is_zero(size: tuple[int, int]) -> None:
     assert (np.count_nonzero(found, axis=(2, 3)) == covered[0] * covered[1] // 4).all()
 
 
+@pytest.mark.parametrize("rectified", [False, True])
+@pytest.mark.parametrize(("pad", "ceil"), [(0, 0), (0, 1), (1, 0), (1, 1)])
+@pytest.mark.parametrize("size", [(7, 9), (8, 8), (8, 11), (9, 10), (3, 3), (4, 5)])
+def test_windows_that_overlap(size: tuple[int, int], pad: int, ceil: int, rectified: bool) -> None:
+    """Against torch, with a seed of any sign, on values in halves, which tie; zeros pad where a ReLU is before only."""
+    rng = np.random.default_rng(0)
+    x = np.round(2 * rng.standard_normal((2, CHANNELS, *size))) / 2
+    image = torch.tensor(x, requires_grad=True)
+    value = image.relu() if rectified else image
+    pooled = torch.nn.functional.max_pool2d(value, 3, 2, pad, ceil_mode=bool(ceil))
+    given = rng.standard_normal(pooled.shape)
+    (wanted,) = torch.autograd.grad(pooled, image, torch.tensor(given))
+
+    infos = [helper.make_tensor_value_info(name, TensorProto.DOUBLE, ["N", CHANNELS, h, w])
+             for name, h, w in (("x", "H", "W"), ("y", "h", "w"), ("given", "h", "w"))]  # fmt: skip
+    nodes = [helper.make_node("Relu", ["x"], ["r"], name="r")] if rectified else []
+    nodes.append(helper.make_node("MaxPool", ["r" if rectified else "x"], ["y"], name="y", kernel_shape=[3, 3],
+                                  strides=[2, 2], pads=[pad] * 4, ceil_mode=ceil))  # fmt: skip
+    model = helper.make_model(helper.make_graph(nodes, "g", infos[:1], infos[1:2]), ir_version=8,
+                              opset_imports=[helper.make_opsetid("", 17)])  # fmt: skip
+    graph = Graph(model)
+    graph.model.graph.input.append(infos[2])
+    gradient = build_adjoint(graph, "y", "x", "given", channels_last=True)
+    assert any(node.op_type == "DepthToSpace" for node in graph.nodes) == bool((pad or ceil) and not rectified)
+    with np.errstate(over="ignore"):  # the general form pads with the lowest number there is
+        found = evaluated(graph, gradient, x, given=given)
+    np.testing.assert_allclose(found, wanted.numpy(), atol=1e-12)
+
+
+def test_mistakes_with_windows_that_overlap_are_caught(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last of those that tie, a shift to the wrong side, a seed that is not cleared under padding."""
+    right, shifted = interleaved._beats, interleaved._shifted
+    changes = [
+        ("_beats", lambda *args: right(*args[:-2], args[-1], args[-2])),
+        ("_shifted", lambda ctx, piece, axis, by, role: shifted(ctx, piece, axis, 1 - by, role)),
+    ]
+    for name, wrong in changes:
+        with monkeypatch.context() as patch:
+            patch.setattr(interleaved, name, wrong)
+            with pytest.raises(AssertionError):
+                test_windows_that_overlap((8, 11), 0, 0, False)
+    with monkeypatch.context() as patch:
+        patch.setattr(phases, "positive", lambda ctx, y, _: ctx.op("HardSigmoid", y, alpha=0.0, beta=1.0))
+        with pytest.raises(AssertionError):
+            test_windows_that_overlap((8, 11), 1, 0, True)
+
+
 def test_a_mistake_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     """The two rows swapped, the last place to tie, a seed that is not cleared: each fails one of the tests above."""
     right = phases.right_wins

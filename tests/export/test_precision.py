@@ -118,12 +118,24 @@ def test_the_command_in_the_file_makes_it_again(
 
 @pytest.mark.parametrize("precision", ["int8", "fp16", "bf16"])
 def test_anyone_s_model(tmp_path: Path, pictures: Path, precision: str) -> None:
-    onnx.save(small.nchw(("n", 3, "h", "w")), tmp_path / "model.onnx")
+    nodes, tensors = small.convolutions()
+    tensors = {"w1": small.weights(32, 3, 3, 3), "b1": small.weights(32), "w2": small.weights(32, 32, 3, 3)}
+    onnx.save(small.model(nodes, tensors, ("n", 3, "h", "w"), "relu2"), tmp_path / "model.onnx")
     result = export_onnx(
         tmp_path / "model.onnx", "relu2", ["relu2"], tmp_path / "elf.onnx", precision=precision, calibration=pictures
     )
     assert result.contract.precision == precision
     assert result.contract.parity["lower_correlation"] > LEAST[precision]
+
+
+def test_a_model_that_would_be_slower_in_8_bits_is_refused(tmp_path: Path, pictures: Path) -> None:
+    """Six channels, then four: rounding costs more than so few multiplications."""
+    onnx.save(small.nchw(("n", 3, "h", "w")), tmp_path / "model.onnx")
+    with pytest.raises(ExportError, match="make no convolution of this network faster; use fp32"):
+        export_onnx(
+            tmp_path / "model.onnx", "relu2", ["relu2"], tmp_path / "elf.onnx", precision="int8", calibration=pictures
+        )
+    assert not (tmp_path / "elf.onnx").exists()
 
 
 # -- float16 and bfloat16 ----------------------------------------------------------------------------------------

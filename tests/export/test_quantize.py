@@ -23,8 +23,11 @@ from elf_export.graph import Graph, attributes
 from elf_export.networks import get_network
 from elf_export.passes import cut
 from elf_export.quantize import quantize
-from elf_export.quantize.rewrite import FINE, candidates, rewrite
+from elf_export.quantize.choice import candidates
+from elf_export.quantize.convolve import FINE
+from elf_export.quantize.rewrite import rewrite
 from elf_export.quantize.scheme import LEVELS, SHARES, WEIGHT_LEVELS, Scheme, fitted, reaching, weights
+from elf_export.quantize.worth import losing
 from elf_export.saliency import build_saliency
 from elf_runtime import InputSpec
 from helpers import textured
@@ -111,6 +114,10 @@ NETWORKS: dict[str, Layers] = {
     "clipped": ["conv3", "clip", "conv3", "clip"],
     "normalized": ["conv3", "relu", "lrn", "pool3", "conv3", "relu"],
     "average": ["conv3", "relu", "average", "conv3", "relu"],
+    "strided inside": ["conv3", "relu", "stride", "relu", "conv3", "relu"],
+    "depthwise": ["conv3", "clip", "each stride", "clip", "conv3"],
+    "padded pool": ["stride", "relu", "pool3 padded", "conv3", "relu"],
+    "reaching pool": ["conv3", "relu", "pool3 ceil", "conv3", "relu"],
 }
 WIDTH = 8
 
@@ -121,15 +128,16 @@ def forward(layers: Layers, seed: int = 0) -> onnx.ModelProto:
     nodes, tensors, value, width = [], [], "x", 3
     for index, kind in enumerate(layers):
         out = f"v{index}"
-        if kind in ("conv3", "stride", "shortcut"):
-            kernel = rng.standard_normal((WIDTH, width, 3, 3)) * np.sqrt(2 / (9 * width))
+        if kind in ("conv3", "stride", "shortcut", "each stride"):
+            per_group = 1 if kind == "each stride" else width
+            kernel = rng.standard_normal((WIDTH, per_group, 3, 3)) * np.sqrt(2 / (9 * per_group))
             bias = 0.2 * rng.standard_normal(WIDTH)
             tensors += [numpy_helper.from_array(kernel.astype(np.float32), f"{out}_w"),
                         numpy_helper.from_array(bias.astype(np.float32), f"{out}_b")]  # fmt: skip
-            strides = [2, 2] if kind == "stride" else [1, 1]
+            strides = [2, 2] if kind.endswith("stride") else [1, 1]
             made = f"{out}_conv" if kind == "shortcut" else out
             nodes.append(helper.make_node("Conv", [value, f"{out}_w", f"{out}_b"], [made], name=made,
-                                          pads=[1] * 4, strides=strides))  # fmt: skip
+                                          pads=[1] * 4, strides=strides, group=width // per_group))  # fmt: skip
             if kind == "shortcut":
                 nodes.append(helper.make_node("Add", [made, value], [out], name=out))
             width = WIDTH
@@ -146,8 +154,9 @@ def forward(layers: Layers, seed: int = 0) -> onnx.ModelProto:
         elif kind == "average":
             nodes.append(helper.make_node("AveragePool", [value], [out], name=out, kernel_shape=[2, 2], strides=[2, 2]))
         else:
-            size = 3 if kind == "pool3" else 2
-            nodes.append(helper.make_node("MaxPool", [value], [out], name=out, kernel_shape=[size] * 2, strides=[2, 2]))
+            size = 3 if kind.startswith("pool3") else 2
+            nodes.append(helper.make_node("MaxPool", [value], [out], name=out, kernel_shape=[size] * 2, strides=[2, 2],
+                                          pads=[int("padded" in kind)] * 4, ceil_mode=int("ceil" in kind)))  # fmt: skip
         value = out
     image = helper.make_tensor_value_info("x", TensorProto.FLOAT, ["N", 3, "H", "W"])
     output = helper.make_tensor_value_info(value, TensorProto.FLOAT, None)
@@ -247,7 +256,7 @@ def rounded_values(model: onnx.ModelProto) -> dict[str, Scheme]:
 def network(request: pytest.FixtureRequest) -> tuple[onnx.ModelProto, onnx.ModelProto, np.ndarray]:
     """A float saliency graph, its 8-bit form, and images."""
     model, x = saliency(NETWORKS[request.param]), images()
-    lowered = rewrite(model, schemes_of(model, x))
+    lowered, _ = rewrite(model, schemes_of(model, x))
     onnx.checker.check_model(lowered, full_check=True)
     return model, lowered, x
 
@@ -285,6 +294,9 @@ def test_every_convolution_is_in_integers(network: Network) -> None:
     convolutions = [node for node in graph.nodes if node.op_type == "Conv"]
     assert len(convolutions) >= sum(node.op_type == "Conv" for node in model.graph.node)
     for node in convolutions:
+        depthwise = attributes(node).get("group", 1) > 1
+        if depthwise and node.input[0] in makers and makers[node.input[0]].op_type != "DequantizeLinear":
+            continue  # so few multiplications are not worth rounding for
         assert {makers[name].op_type for name in node.input} == {"DequantizeLinear"}, node.name
         assert graph.shape(node.input[1])[1] % 4 == 0 or attributes(node).get("group", 1) > 1, node.name
     for tensor in lowered.graph.initializer:
@@ -299,17 +311,22 @@ def test_masks_are_exact(network: Network) -> None:
     makers = graph.producers()
     masks = [node for node in graph.nodes if node.op_type == "HardSigmoid" and f"{node.output[0]}/q" in made]
     steps = [node for node in masks if makers[node.input[0]].name.endswith("_difference")]
-    signs = [node for node in masks if node not in steps]
-    sources = {n.output[0]: makers[n.input[0]].input[0] for n in steps} | {n.output[0]: n.input[0] for n in signs}
+    rooms = [node for node in masks if makers[node.input[0]].name.endswith("/room")]
+    signs = [node for node in masks if node not in steps and node not in rooms]
+    sources = {n.output[0]: makers[n.input[0]].input[0] for n in (*steps, *rooms)}
+    sources |= {n.output[0]: n.input[0] for n in signs}
     if not sources:
         pytest.skip("no ReLU or max-pool of rounded values")
     names = [f"{name}/q" for name in (*sources, *sources.values())]
     found = with_values(lowered, list(dict.fromkeys(names)), x)
-    for node in (*steps, *signs):
+    for node in (*steps, *rooms, *signs):
         mask, source = node.output[0], sources[node.output[0]]
         q = torch.tensor(found[f"{source}/q"].astype(np.float64))
         if node in signs:
             wanted = q > 0
+        elif node in rooms:
+            assert {0, 255} < set(q.numpy().ravel())
+            wanted = (q > 0) & (q < 255)
         else:
             difference = makers[node.input[0]]
             given = attributes(difference)
@@ -327,12 +344,19 @@ def steps_in(model: onnx.ModelProto) -> set[str]:
 
 
 def with_rounded_weights(model: onnx.ModelProto) -> onnx.ModelProto:
-    """Every Conv's kernel in 127 levels a channel; a ConvTranspose that has the same one keeps it."""
+    """Every Conv's kernel in 127 levels a channel, a ConvTranspose's in as many for each channel of each phase."""
     result, steps, graph = onnx.ModelProto(), steps_in(model), Graph(model)
     result.CopyFrom(model)
     for node in result.graph.node:
         if node.op_type == "Conv" and node.output[0] not in steps:
             rounded = in_127_levels(graph.constant(node.input[1]).astype(np.float64))
+        elif node.op_type == "ConvTranspose":
+            rounded, (top, left) = graph.constant(node.input[1]).astype(np.float64), attributes(node)["pads"][:2]
+            outputs = 0 if attributes(node).get("group", 1) > 1 else 1
+            for a, b in np.ndindex(2, 2):
+                part = rounded[:, :, (a + top) % 2 :: 2, (b + left) % 2 :: 2]
+                part[:] = in_127_levels(part.swapaxes(0, outputs)).swapaxes(0, outputs)
+        if node.op_type == "ConvTranspose" or (node.op_type == "Conv" and node.output[0] not in steps):
             node.input[1] = f"{node.output[0]}/127"
             result.graph.initializer.append(numpy_helper.from_array(rounded.astype(np.float32), node.input[1]))
     return result
@@ -369,7 +393,8 @@ def test_it_computes_what_rounding_each_value_gives(network: Network) -> None:
     (saliency,) = session(lowered).run(None, {"x": x})
     (last,) = (node.input[0] for node in model.graph.node if node.op_type == "Abs")
     wanted = values["saliency"]
-    both = rounded_values(lowered).get(f"{last}/both")
+    ends = (f"{last}/both", f"{last}_full/phases")
+    both = next((scheme for name, scheme in rounded_values(lowered).items() if name in ends), None)
     if both is not None:
         wanted = in_two_steps(values[last], both).mean(axis=1)
     off = np.abs(saliency - wanted)
@@ -404,7 +429,7 @@ def test_it_is_the_gradient_of_the_rounded_network(name: str, channels_last: boo
     last = len(layers) - 1 - layers[::-1].index("conv3")
     before_it = {"x", *(f"v{index}" for index in range(last))}
     schemes = {v: s for v, s in schemes_of(model, x).items() if v in before_it}
-    lowered = rewrite(model, schemes)
+    lowered, _ = rewrite(model, schemes)
     roundings, inside = rounded_values(lowered), inside_of(lowered)
     graph = Graph(forward(layers))
     image = torch.tensor(x.astype(np.float64), requires_grad=True)
@@ -459,7 +484,7 @@ def test_small_gradients_are_kept_more_finely() -> None:
     graph = helper.make_graph(nodes, "g", [image], [output], [numpy_helper.from_array(kernel, "w")])
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
     scheme = Scheme(1.0 / 127, 128)
-    lowered = rewrite(model, {"x": Scheme(step), "y": scheme})
+    lowered, _ = rewrite(model, {"x": Scheme(step), "y": scheme})
     first, second = np.divmod(np.arange(256 * 63), 63)
     x = np.zeros((1, 4, 1, len(first)), np.float32)
     x[0, 0, 0], x[0, 1, 0] = first * np.float32(step), second * np.float32(step)
@@ -522,7 +547,7 @@ def test_an_output_keeps_its_name_and_its_values() -> None:
     """A descriptor that the 8-bit path makes is rounded where convolutions read it, and not as an output."""
     model, x = forward(["conv3", "relu", "conv3", "relu"]), images()
     both = build_saliency(model, "v3", ["v1", "v3"], "x", channels_last=True)
-    lowered = rewrite(both, schemes_of(both, x))
+    lowered, _ = rewrite(both, schemes_of(both, x))
     names = [value.name for value in both.graph.output]
     assert [value.name for value in lowered.graph.output] == names == ["saliency", "descriptors_v1", "descriptors_v3"]
     exact = dict(zip(names, session(both).run(None, {"x": x}), strict=True))
@@ -541,16 +566,90 @@ def test_what_is_not_two_dimensional_stays_in_floats() -> None:
     graph = helper.make_graph([node], "g", [image], [output], [kernel])
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
     assert candidates(model) == []
-    assert [n.op_type for n in rewrite(model, {}).graph.node] == ["Conv"]
+    assert [n.op_type for n in rewrite(model, {})[0].graph.node] == ["Conv"]
 
 
 def test_a_clip_reaches_its_bound_whatever_was_seen() -> None:
     """Levels that end below it would let gradients pass where the network saturates."""
     model, x = saliency(NETWORKS["clipped"]), images()
     schemes = schemes_of(model, x) | {"v1": Scheme(0.3 / 255)}
-    found = rounded_values(rewrite(model, schemes))["v1"]
+    found = rounded_values(rewrite(model, schemes)[0])["v1"]
     assert found == reaching(1.0)
     assert np.float32(found.scale) * np.float32(255) == 1
+
+
+# -- regions ------------------------------------------------------------------------------------------------------
+
+Chain = list[tuple[str, int, int]]  # operator, channels of its result, size of its kernel
+
+
+def network_of(chain: Chain) -> onnx.ModelProto:
+    """x (N, 3, H, W) through convolutions and element-wise operators, no gradient; the values are v0, v1, ..."""
+    nodes, tensors, value, width = [], [], "x", 3
+    for index, (kind, results, size) in enumerate(chain):
+        out = f"v{index}"
+        if kind == "Conv":
+            kernel = np.random.default_rng(index).standard_normal((results, width, size, size)) / size
+            tensors.append(numpy_helper.from_array(kernel.astype(np.float32), f"{out}_w"))
+            nodes.append(helper.make_node("Conv", [value, f"{out}_w"], [out], name=out, pads=[size // 2] * 4))
+            width = results
+        else:
+            nodes.append(helper.make_node(kind, [value], [out], name=out))
+        value = out
+    image = helper.make_tensor_value_info("x", TensorProto.FLOAT, ["N", 3, "H", "W"])
+    output = helper.make_tensor_value_info(value, TensorProto.FLOAT, ["N", width, "H", "W"])
+    graph = helper.make_graph(nodes, "net", [image], [output], tensors)
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+
+
+@pytest.mark.parametrize(
+    ("chain", "slow"),
+    [
+        ([("Conv", 64, 3), ("Relu", 64, 0), ("Conv", 64, 3), ("Sin", 64, 0)], []),
+        # An output stays as it is, so what makes it runs in floats; nothing pays for what is before it then.
+        ([("Conv", 64, 3), ("Relu", 64, 0), ("Conv", 64, 3)], ["v0", "v2"]),
+        # Few multiplications, between values in floats.
+        ([("Conv", 8, 3), ("Sin", 8, 0)], ["v0"]),
+        # The same beside a region that gains, and as a part of one.
+        ([("Conv", 8, 3), ("Sin", 8, 0), ("Conv", 64, 5), ("Conv", 64, 3), ("Sin", 64, 0)], ["v0"]),
+        ([("Conv", 8, 3), ("Relu", 8, 0), ("Conv", 64, 5), ("Conv", 64, 3), ("Sin", 64, 0)], []),
+    ],
+)
+def test_regions_that_lose_are_found(chain: Chain, slow: list[str]) -> None:
+    model, x = network_of(chain), images((24, 32), 1)
+    lowered, origins = rewrite(model, schemes_of(model, x))
+    assert set(origins.values()) == {f"v{index}" for index, (kind, _, _) in enumerate(chain) if kind == "Conv"}
+    assert losing(lowered, origins, x) == set(slow)
+    kept, others = rewrite(model, schemes_of(model, x), slow)
+    assert set(others.values()) == set(origins.values()) - set(slow)
+    for name in slow:
+        (node,) = (node for node in kept.graph.node if node.name == name)
+        assert node == next(node for node in model.graph.node if node.name == name)  # as it was
+
+
+def test_a_strided_convolution_s_adjoint_pays_by_its_channels() -> None:
+    """What a region costs, and gains: few channels at its border do not pay for the interleaving, many do."""
+    for width, pays in ((4, False), (64, True)):
+        rng = np.random.default_rng(0)
+        kernel = numpy_helper.from_array(rng.standard_normal((width, 3, 3, 3)).astype(np.float32), "w")
+        nodes = [
+            helper.make_node("Sin", ["x"], ["s"], name="s"),
+            helper.make_node("ConvTranspose", ["s", "w"], ["full"], name="full", strides=[2, 2], pads=[1, 1, 0, 0],
+                             output_padding=[1, 1]),
+            helper.make_node("Slice", ["full", "starts", "ends", "axes"], ["part"], name="part"),
+            helper.make_node("Abs", ["part"], ["magnitude"], name="magnitude"),
+        ]  # fmt: skip
+        bounds = {"starts": [0, 0], "ends": [31, 47], "axes": [2, 3]}
+        tensors = [kernel, *(numpy_helper.from_array(np.array(v), name) for name, v in bounds.items())]
+        image = helper.make_tensor_value_info("x", TensorProto.FLOAT, ["N", width, "H", "W"])
+        output = helper.make_tensor_value_info("magnitude", TensorProto.FLOAT, ["N", 3, "h", "w"])
+        graph = helper.make_graph(nodes, "g", [image], [output], tensors)
+        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+        x = rng.standard_normal((1, width, 16, 24)).astype(np.float32)
+        schemes = {"s": Scheme(1 / 127, 128), "full": Scheme(0.1, 128)}
+        lowered, origins = rewrite(model, schemes)
+        assert set(origins.values()) == {"full"}
+        assert losing(lowered, origins, x) == (set() if pays else {"full"})
 
 
 @pytest.mark.parametrize(

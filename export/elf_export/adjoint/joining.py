@@ -48,22 +48,25 @@ def mean_magnitude(graph: Graph, part: Phases, name: str) -> str:
 def interleaved(graph: Graph, pieces: Sequence[str], channels: int, role: str) -> str:
     """Phases 00, 01, 10, 11, (N, C, h, w) each, to one map channels last, (N, 2 h, 2 w, C)."""
     last = [
-        graph.op("Transpose", piece, name=f"{role}/phase_{place}_nhwc", perm=[0, 2, 3, 1])
+        channels_last(graph, piece, f"{role}/phase_{place}_nhwc")
         for piece, place in zip(pieces, ("00", "01", "10", "11"), strict=True)
     ]
-    lines = []
-    for columns, name in ((last[:2], "even"), (last[2:], "odd")):
-        pairs = graph.op("Concat", *columns, name=f"{role}/{name}_row_pairs", axis=3)
-        shape = graph.int64s([0, 0, -1, channels], f"{role}/{name}_row_shape")
-        lines.append(graph.op("Reshape", pairs, shape, name=f"{role}/{name}_rows"))
-    # (N, h, 4 w, C): each even row with the odd one below it behind it.
-    stacked = graph.op("Concat", *lines, name=f"{role}/rows_stacked", axis=2)
-    width = slice_of_shape(graph, lines[0], 2, 3, f"{role}/row_width")
-    sizes = [graph.int64s([0, -1], f"{role}/keep"), width, graph.int64s([channels], f"{role}/channels")]
-    return graph.op(
-        "Reshape", stacked, graph.op("Concat", *sizes, name=f"{role}/interleaved_shape", axis=0),
-        name=f"{role}/interleaved",
-    )  # fmt: skip
+    lines = columns(graph, last[:2], channels, f"{role}/even"), columns(graph, last[2:], channels, f"{role}/odd")
+    return rows(graph, lines, channels, f"{role}/interleaved")
+
+
+def columns(graph: Graph, pair: Sequence[str], channels: int, name: str) -> str:
+    """Even and odd columns, (N, h, w, C) each, interleaved: (N, h, 2 w, C)."""
+    beside = graph.op("Concat", *pair, name=f"{name}_pairs", axis=3)
+    return graph.op("Reshape", beside, graph.int64s([0, 0, -1, channels], f"{name}_shape"), name=name)
+
+
+def rows(graph: Graph, pair: Sequence[str], channels: int, name: str) -> str:
+    """Even and odd rows, (N, h, w, C) each, interleaved: (N, 2 h, w, C)."""
+    behind = graph.op("Concat", *pair, name=f"{name}_stacked", axis=2)
+    width = slice_of_shape(graph, pair[0], 2, 3, f"{name}_width")
+    sizes = [graph.int64s([0, -1], f"{name}_keep"), width, graph.int64s([channels], f"{name}_channels")]
+    return graph.op("Reshape", behind, graph.op("Concat", *sizes, name=f"{name}_shape", axis=0), name=name)
 
 
 def fitted(graph: Graph, full: str, like: str, axis: int, margin: int, name: str) -> str:
@@ -82,6 +85,11 @@ def fitted(graph: Graph, full: str, like: str, axis: int, margin: int, name: str
     pads = graph.op("Concat", before, lack, *([after] if axis == 1 else []), name=f"{name}_pads", axis=0)
     fill = graph.const(0, f"{name}_fill", graph.dtype(like))
     return graph.op("Pad", full, pads, fill, name=name, mode="constant")
+
+
+def channels_last(graph: Graph, value: str, name: str) -> str:
+    """(N, C, H, W) -> (N, H, W, C)."""
+    return graph.op("Transpose", value, name=name, perm=[0, 2, 3, 1])
 
 
 def channels_first(graph: Graph, value: str, name: str) -> str:

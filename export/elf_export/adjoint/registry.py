@@ -62,17 +62,17 @@ class Context:
 
     def op(self, op_type: str, *inputs: str, role: str | None = None, **attrs: Any) -> str:
         """Emit a node and return its (first) output."""
-        return self.graph.op(op_type, *inputs, name=self._name(role or op_type.lower()), **attrs)
+        return self.graph.op(op_type, *inputs, name=self.name(role or op_type.lower()), **attrs)
 
     def const(
         self, value: Any, role: str, like: str | None = None, dtype: np.dtype[Any] | None = None
     ) -> str:
         """Emit a constant; of the dtype of the forward value `like`, or of `dtype`, if given."""
         dtype = self.graph.dtype(like) if like is not None else dtype
-        return self.graph.const(value, self._name(role), dtype)
+        return self.graph.const(value, self.name(role), dtype)
 
     def int64s(self, values: Sequence[int], role: str) -> str:
-        return self.graph.int64s(values, self._name(role))
+        return self.graph.int64s(values, self.name(role))
 
     def input(self, index: int) -> str:
         """Name of an optional input, empty if it is absent."""
@@ -94,7 +94,8 @@ class Context:
     def dtype(self, name: str) -> np.dtype[Any]:
         return self.graph.dtype(name)
 
-    def _name(self, role: str) -> str:
+    def name(self, role: str) -> str:
+        """The name of what this node's adjoint emits in that role."""
         return f"adj/{self.node.name or self.node.output[0]}/{role}"
 
 

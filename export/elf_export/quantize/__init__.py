@@ -8,20 +8,38 @@ from elf_export.calibration import CalibrationSet
 from elf_export.errors import ExportError
 from elf_runtime import InputSpec
 
+from .choice import candidates
 from .ranges import schemes_for
-from .rewrite import candidates, rewrite
+from .rewrite import rewrite
+from .worth import losing
 
 __all__ = ["quantize"]
 
 
 def quantize(model: onnx.ModelProto, images: CalibrationSet, spec: InputSpec, scale: float) -> onnx.ModelProto:
-    """`model` with its convolutions in 8-bit integers; see `rewrite` for how, `ranges` for the arguments.
+    """`model` with its convolutions in 8-bit integers where `worth` finds that faster; see `rewrite` for how.
+
+    Parameters
+    ----------
+    model : onnx.ModelProto
+        In float32, opset 13 or later.
+    images, spec, scale
+        As of `ranges.schemes_for`.
 
     Raises
     ------
     ExportError
         If no convolution is worth it.
     """
-    if not candidates(model):
-        raise ExportError("int8: 8-bit integers make no convolution of this network faster; use fp32, fp16 or bf16")
-    return rewrite(model, schemes_for(model, candidates(model), images, spec, scale))
+    names = candidates(model)
+    schemes = schemes_for(model, names, images, spec, scale) if names else {}
+    left: set[str] = set()
+    pixels = next(iter(images.batches(spec, scale)))
+    while True:
+        lowered, origins = rewrite(model, schemes, left)
+        if not origins:
+            raise ExportError("int8: 8-bit integers make no convolution of this network faster; use fp32, fp16 or bf16")
+        lost = losing(lowered, origins, pixels)
+        if not lost:
+            return lowered
+        left |= lost
