@@ -67,8 +67,8 @@ def test_the_presets_are_these() -> None:
         "fast", "default", "accurate", "paper", "paper-webcam", "paper-robust", "paper-components"
     )  # fmt: skip
     common = {"normalize": 0.95, "nms_radius": 6, "subpixel": True}
-    assert preset("fast") == DetectionParams(denoise=(3, 0.8), scale=0.3, **common)
-    assert preset("default") == DetectionParams(denoise=(5, 1.2), scale=0.5, **common)
+    assert preset("fast") == DetectionParams(denoise=(3, 0.8), scale=0.28, **common)
+    assert preset("default") == DetectionParams(denoise=(5, 1.2), scale=0.45, **common)
     assert preset("accurate") == DetectionParams(denoise=(7, 1.8), scale=0.75, **common)
     for name in ("fast", "default", "accurate"):
         assert preset(name, "xception") == preset(name)
@@ -87,7 +87,7 @@ def test_default_is_the_model_s_own() -> None:
 def test_the_presets_differ_in_what_the_network_sees() -> None:
     elf, image = ElfRuntime(threads=1), textured(240, 320)
     sizes = [elf.trace(image, preset=name).saliency.shape for name in ("fast", "default", "accurate")]
-    assert sizes == [(72, 96), (120, 160), (180, 240)]
+    assert sizes == [(67, 90), (108, 144), (180, 240)]
 
 
 # -- threads that wait -------------------------------------------------------------------------------------------

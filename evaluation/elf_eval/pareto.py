@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
-
-import cv2
 
 from elf_runtime.commands._contenders import Contender
 from elf_runtime.commands._fresh import environment
 from elf_runtime.commands._timing import interleaved
 from elf_runtime.statistics import Interval, median_interval, paired_ratio
 
+from .alone import Alone
 from .errors import EvalError
-from .images import Image, ImageRef
-from .methods import Method, open_methods
+from .geometry import Size
+from .images import ImageRef
 from .report.summary import Keypoints, keypoints, scene_means, summarize
 from .results import Results
 from .suite import MethodEntry, Suite
@@ -134,11 +135,10 @@ def study(
         raise EvalError(f"no method {reference!r} in the suite and the results; there are {sorted(measured)}")
     limit = results.protocol["max_keypoints"]
     size = results.protocol["size"]
-    photo = ImageRef(image.name, image).open(tuple(size) if size else None)
-    size = photo.size  # decodes: that is nobody's time
-    samples = _times(
-        [_open(suite, entry, threads) for entry in entries], photo, limit, repeats, warmup, threads
-    )
+    photo = ImageRef(image.name, image)
+    size = tuple(size) if size else None
+    width, height = photo.open(size).size
+    samples = _times([_start(suite, entry, photo, size, limit, threads) for entry in entries], repeats, warmup)
     compared = samples[[entry.name for entry in entries].index(reference)]
     dataset = results.datasets[0]["name"]
     points = []
@@ -165,8 +165,8 @@ def study(
         "pairs": results.datasets[0]["pairs"],
         "max_keypoints": limit,
         "image": image.name,
-        "width": size[0],
-        "height": size[1],
+        "width": width,
+        "height": height,
         "reference": reference,
         "repeats": repeats,
         "warmup": warmup,
@@ -176,27 +176,23 @@ def study(
     return Study(points, about)
 
 
-def _open(suite: Suite, entry: MethodEntry, threads: int) -> Method:
-    return open_methods(
-        suite.expand(entry.detector), suite.expand(entry.descriptor) if entry.descriptor else None, threads
-    )
+def _start(
+    suite: Suite, entry: MethodEntry, photo: ImageRef, size: Size | None, limit: int, threads: int
+) -> Callable[[], Alone]:
+    descriptor = suite.expand(entry.descriptor) if entry.descriptor else None
+    return partial(Alone, suite.expand(entry.detector), descriptor, photo, size, limit, threads)
 
 
-def _times(
-    methods: Sequence[Method], image: Image, limit: int, repeats: int, warmup: int, threads: int
-) -> list[list[float]]:
-    """Seconds of each method's repetitions, in its order."""
+def _times(starts: Sequence[Callable[[], Alone]], repeats: int, warmup: int) -> list[list[float]]:
+    """Seconds of each method's repetitions, in its order; each method has a process of its own."""
 
-    def contender(name: str, method: Method) -> Contender:
-        return Contender(name, name, lambda: (len(method.extract(image, limit)), {}))
+    def contender(name: str, method: Alone) -> Contender:
+        return Contender(name, name, lambda: (method.run(), {}))
 
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(threads)
-    try:
+    with ExitStack() as stack:
+        methods = [stack.enter_context(start()) for start in starts]
         contenders = [contender(str(i), method) for i, method in enumerate(methods)]
         samples, _ = interleaved(contenders, warmup, repeats)
-    finally:
-        cv2.setNumThreads(before)
     return [samples[c.name] for c in contenders]
 
 

@@ -123,9 +123,9 @@ _PAPER_BY_NETWORK: dict[str, DetectionParams] = {
 
 # Measured with the bundled model (README.md has the figures).  The blur grows with the working scale: it spans the
 # same part of the scene.
-DEFAULT = DetectionParams(denoise=(5, 1.2), normalize=0.95, nms_radius=6, scale=0.5, subpixel=True)
+DEFAULT = DetectionParams(denoise=(5, 1.2), normalize=0.95, nms_radius=6, scale=0.45, subpixel=True)
 _OURS: dict[str, DetectionParams] = {
-    "fast": replace(DEFAULT, scale=0.3, denoise=(3, 0.8)),
+    "fast": replace(DEFAULT, scale=0.28, denoise=(3, 0.8)),
     "default": DEFAULT,
     "accurate": replace(DEFAULT, scale=0.75, denoise=(7, 1.8)),
 }
