@@ -29,7 +29,8 @@ def markdown(study: Study, picture: str | None = None) -> str:
     text = (
         f"Time: detection and description of {about['image']} at {about['width']}x{about['height']}, "
         f"{machine['threads']} threads, median of {about['repeats']} repetitions in one run where every repetition "
-        f"runs each method once, in a process of its own ({machine['cpu']}, onnxruntime {machine['onnxruntime']}, OpenCV {machine['opencv']}). "
+        f"runs each method once, in a process of its own ({machine['cpu']}, onnxruntime {machine['onnxruntime']}, "
+        f"OpenCV {machine['opencv']}). "
         f"The ratio to {about['reference']} is the median over the repetitions' pairs, with its 95 % interval. "
         f"Quality: {about['dataset']}, {about['pairs']} pairs, at most {about['max_keypoints']} keypoints; "
         "rep, ms (the matching score), MMA and AUC in percent, per scene, then over scenes. "
