@@ -15,7 +15,7 @@ EPILOG = """\
 examples:
   elf-export --net vgg --layer pool2                     the paper's detector, described by pool4
   elf-export --net vgg --layer pool1 --desc pool3        a cheaper one
-  elf-export --net vgg --layer pool1 --desc conv3_3 --desc-dim 128
+  elf-export --net vgg --layer pool1 --desc conv3_2 --desc-dim 128
                                                          described by 128 principal components
   elf-export --net vgg --layer pool2 --desc none         saliency and keypoints only
   elf-export --net superpoint --desc vgg:pool3 --weights superpoint_v1.pth
