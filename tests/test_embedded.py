@@ -78,11 +78,11 @@ def count_sessions(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, int]]:
     return opened
 
 
-@pytest.mark.parametrize(("scale", "working"), [(None, (60, 80)), (1.0, (120, 160)), (0.75, (90, 120))])
+@pytest.mark.parametrize(("scale", "working"), [(None, (54, 72)), (1.0, (120, 160)), (0.75, (90, 120))])
 def test_warmup_opens_the_session_that_detect_uses(
     monkeypatch: pytest.MonkeyPatch, scale: float | None, working: tuple[int, int]
 ) -> None:
-    elf = ElfRuntime()  # its own scale is a half
+    elf = ElfRuntime()  # its own scale is 0.45
     opened = count_sessions(monkeypatch)
     elf.warmup((120, 160), scale=scale)
     assert opened == [{"N": 1, "H": working[0], "W": working[1]}]
