@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 EPILOG = """\
 examples:
   elf-export --net vgg --layer pool2                     the paper's detector, described by pool4
-  elf-export --net vgg --layer pool1 --desc pool3        a cheaper one
+  elf-export --net vgg --layer pool1 --desc conv3_2      a cheaper one
   elf-export --net vgg --layer pool1 --desc conv3_2 --desc-dim 128
                                                          described by 128 principal components
   elf-export --net vgg --layer pool2 --desc none         saliency and keypoints only

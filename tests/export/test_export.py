@@ -22,12 +22,12 @@ from elf_runtime.session import BUNDLED, bundled_model
 from helpers import ROOT, shared, textured
 from seeded import evaluator64, seeded_weights
 
-TRUNK = LAYERS[: LAYERS.index("pool3") + 1]
+TRUNK = LAYERS[: LAYERS.index("relu3_2") + 1]
 
 
 @pytest.fixture(scope="module")
 def random_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Seeded weights for all of VGG16: real ones reach pool3 only without a download."""
+    """Seeded weights for all of VGG16: real ones reach relu3_2 only without a download."""
     rng = np.random.default_rng(0)
     tensors = {}
     for name, shape in tensor_shapes(LAYERS).items():
@@ -40,7 +40,7 @@ def random_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_command_writes_one_verified_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "elf.onnx"
-    arguments = ["--net", "vgg", "--layer", "pool2", "--desc", "pool3,pool2", "--offline", "-o", str(path)]
+    arguments = ["--net", "vgg", "--layer", "pool2", "--desc", "relu3_2,pool2", "--offline", "-o", str(path)]
     assert main(arguments) == 0
     out = capsys.readouterr().out
     assert "240x176" in out
@@ -50,7 +50,7 @@ def test_the_command_writes_one_verified_file(tmp_path: Path, capsys: pytest.Cap
     c = elf.contract
     assert (c.network, c.layer, c.stride) == ("vgg", "pool2", 4.0)
     assert [(d.layer, d.dim, d.stride, d.offset) for d in c.descriptors] == [
-        ("pool3", 256, 8.0, 3.5), ("pool2", 128, 4.0, 1.5)
+        ("relu3_2", 256, 4.0, 1.5), ("pool2", 128, 4.0, 1.5)
     ]  # fmt: skip
     assert c.parity["keypoint_agreement"] >= 0.99
     assert c.weights.licence == "CC BY 4.0"
@@ -79,7 +79,7 @@ def test_every_layer_of_the_trunk(tmp_path: Path, layer: str) -> None:
     assert verify.passed(result.checks)
 
 
-@pytest.mark.parametrize("layer", ["conv4_1", "pool5"])
+@pytest.mark.parametrize("layer", ["conv3_3", "pool3", "conv4_1", "pool5"])
 def test_deep_layers(tmp_path: Path, layer: str, random_weights: Path) -> None:
     result = export_network("vgg", layer, ["pool5"], tmp_path / "a.onnx", weights=random_weights)
     assert verify.passed(result.checks)

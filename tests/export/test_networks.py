@@ -227,17 +227,17 @@ def test_another_network_describes(tmp_path: Path) -> None:
     network = get_network("superpoint")
     weights = tmp_path / "seeded.npz"
     np.savez(weights, **seeded_weights(network.tensor_shapes(["desc"])))
-    descriptors = ["vgg:pool3", "superpoint:desc", "vgg:pool1"]
+    descriptors = ["vgg:relu3_2", "superpoint:desc", "vgg:pool1"]
     both = export_network(
         "superpoint", None, descriptors, tmp_path / "both.onnx", weights=weights, offline=True
     )
-    assert [d.layer for d in both.contract.descriptors] == ["vgg:pool3", "desc", "vgg:pool1"]
+    assert [d.layer for d in both.contract.descriptors] == ["vgg:relu3_2", "desc", "vgg:pool1"]
     assert [(d.dim, d.stride, d.offset) for d in both.contract.descriptors] == [
-        (256, 8.0, 3.5), (256, 8.0, 3.5), (64, 2.0, 0.5)
+        (256, 4.0, 1.5), (256, 8.0, 3.5), (64, 2.0, 0.5)
     ]  # fmt: skip
     assert "Oxford" in both.contract.weights.source
-    assert both.contract.command.endswith("--desc vgg:pool3,desc,vgg:pool1")
-    alone = export_network("vgg", "pool1", ["pool3"], tmp_path / "vgg.onnx", offline=True)
+    assert both.contract.command.endswith("--desc vgg:relu3_2,desc,vgg:pool1")
+    alone = export_network("vgg", "pool1", ["relu3_2"], tmp_path / "vgg.onnx", offline=True)
     image, points = textured(96, 128), np.array([[20.0, 30.0], [64.5, 70.25], [100.0, 12.0]], np.float32)
     one = ElfRuntime(both.path).describe(image, points)
     other = ElfRuntime(alone.path).describe(image, points)
