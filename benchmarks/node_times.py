@@ -64,11 +64,8 @@ def mask_nodes(model: onnx.ModelProto) -> set[str]:
     for node in model.graph.node:
         grouped = node.op_type == "Conv" and attributes(node).get("group", 1) > 1
         role = node.name.rsplit("/", 1)[-1]
-        if node.name.startswith("adj/") and (
-            node.op_type == "HardSigmoid" or (grouped and not role.startswith("dx"))
-        ):
-            found.add(node.name)
-        if grouped and role.endswith("_minus"):
+        helps = grouped and (not role.startswith("dx") or role.endswith("_minus"))
+        if node.name.startswith("adj/") and (helps or node.op_type == "HardSigmoid"):
             found.add(node.name)
     return found
 
@@ -77,16 +74,16 @@ def node_times(
     data: bytes, pixels: np.ndarray, repeats: int, threads: int | None
 ) -> dict[tuple[str, str], float]:
     """(name, op) of each executed node -> median milliseconds, without the first two runs."""
-    contract_input = onnx.load_from_string(data).graph.input[0]
+    image = onnx.load_from_string(data).graph.input[0]
     dims = {
         d.dim_param: size
-        for d, size in zip(contract_input.type.tensor_type.shape.dim, pixels.shape, strict=True)
+        for d, size in zip(image.type.tensor_type.shape.dim, pixels.shape, strict=True)
         if d.dim_param
     }
     with tempfile.TemporaryDirectory() as folder:
         session, _ = open_session(data, threads=threads, dims=dims, profile=str(Path(folder) / "profile"))
         for _ in range(repeats + 2):
-            session.run(None, {contract_input.name: pixels})
+            session.run(None, {image.name: pixels})
         events = json.loads(Path(session.end_profiling()).read_text(encoding="utf-8"))
     runs = defaultdict(list)
     for event in events:

@@ -29,7 +29,9 @@ def preprocess(
         x = x / np.maximum(np.sqrt((x * x).mean(axis=(1, 2, 3), keepdims=True)), LEAST_STD)
     else:
         x = (x * settings.scale - np.asarray(settings.mean)) / np.asarray(settings.std)
-    return np.ascontiguousarray(x.transpose(["NHWC".index(axis) for axis in layout]))
+    # A copy, always: the strides that one channel's view keeps pass for channels last, where torch may round by place,
+    # and flat areas lose their ties.
+    return np.array(x.transpose(["NHWC".index(axis) for axis in layout]), np.float64, order="C")
 
 
 def torch_saliency(
@@ -56,9 +58,7 @@ def torch_saliency(
     module = module.to(kind)
 
     def saliency(pixels: Array) -> npt.NDArray[np.float64]:
-        x = torch.from_numpy(preprocess(pixels, settings, color)).to(kind)
-        # One channel's strides pass for channels last, where torch may round by place: flat areas lose their ties.
-        x = x.clone(memory_format=torch.contiguous_format).requires_grad_(True)
+        x = torch.from_numpy(preprocess(pixels, settings, color)).to(kind).requires_grad_(True)
         f = module(x)[0]
         (gradient,) = torch.autograd.grad(f, x, f.detach()) if differentiate else (f.detach(),)
         return np.asarray(gradient.abs().mean(1).double().numpy())

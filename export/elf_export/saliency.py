@@ -77,11 +77,8 @@ def build_saliency(
         model, layer, descriptors, image_input, seed, differentiate, channels_last
     )
     layout = image_layout(graph, image)
-    if isinstance(gradient, str):
-        magnitude, channel = graph.op("Abs", gradient, name="saliency/abs"), layout.index("C")
-    else:
-        magnitude, channel = joining.mean_magnitude(graph, gradient, "saliency"), 1
-    reduce_mean(graph, magnitude, channel, "saliency/mean", keepdims=0, output=SALIENCY)
+    magnitude = joining.magnitude(graph, gradient, "saliency")
+    reduce_mean(graph, magnitude, layout.index("C"), "saliency/mean", keepdims=0, output=SALIENCY)
     outputs = [helper.make_tensor_value_info(SALIENCY, graph.elem_type(image), ["N", "H", "W"])]
     outputs += _descriptor_outputs(graph, descriptors, axes_of(graph, image, layout))
     composed = compose_convs(_with_outputs(graph, outputs), keep=[value.name for value in outputs])

@@ -13,6 +13,7 @@ from onnx.reference import ReferenceEvaluator
 
 from elf_export.adjoint import build_adjoint
 from elf_export.graph import Graph
+from elf_export.saliency import SALIENCY, build_saliency
 from helpers import textured
 
 CHANNELS = 5
@@ -25,7 +26,8 @@ def chain(layers: list[str], kernels: dict[str, np.ndarray]) -> onnx.ModelProto:
         out = f"v{index}"
         if kind.startswith("conv"):
             kernel = kernels[kind]
-            tensors.append(numpy_helper.from_array(kernel, kind))
+            if kind not in {tensor.name for tensor in tensors}:
+                tensors.append(numpy_helper.from_array(kernel, kind))
             pads = [(k - 1) // 2 for k in kernel.shape[2:]] + [k // 2 for k in kernel.shape[2:]]
             nodes.append(helper.make_node("Conv", [value, kind], [out], name=out, pads=pads))
         elif kind == "relu":
@@ -75,6 +77,7 @@ CHAINS = {
     "no relu before the pool": ["conv1", "relu", "conv2", "pool", "conv3"],
     "convolutions without a relu between": ["conv1", "conv2", "pool"],
     "pool of the image": ["pool", "conv1", "relu", "pool"],
+    "a pool alone": ["pool"],
     "pool of a pool": ["conv1", "relu", "pool", "pool"],
     "relu behind a pool": ["conv1", "pool", "relu", "conv2", "relu", "pool"],
     "two uses": ["conv1", "relu", "add", "conv2", "relu", "pool"],
@@ -126,6 +129,18 @@ def test_exact_in_float64(name: str, kernel: tuple[int, int], size: tuple[int, i
     wanted = by_torch(layers, kernels, x)
     assert found.shape == wanted.shape
     assert np.abs(found - wanted).max() <= 1e-10 * np.abs(wanted).max(), f"seed {seed}"
+
+
+@pytest.mark.parametrize("name", CHAINS)
+@pytest.mark.parametrize("size", SIZES)
+def test_the_saliency_of_phases(name: str, size: tuple[int, int]) -> None:
+    """The mean over the channels, taken in phases or, of a pool of the image itself, of the whole gradient."""
+    layers, kernels, x, seed = problem(name, (3, 3), size)
+    model = chain(layers, kernels)
+    graph = Graph(build_saliency(model, model.graph.output[0].name))
+    found, wanted = evaluated(graph, SALIENCY, x), np.abs(by_torch(layers, kernels, x)).mean(axis=1)
+    assert found.shape == wanted.shape
+    assert np.abs(found - wanted).max() <= 1e-10 * wanted.max(), f"seed {seed}"
 
 
 def test_a_chain_to_the_image_is_put_together_only_there(vgg_like: Graph) -> None:

@@ -99,7 +99,8 @@ def _to_winners(ctx: Context, grad: str, v: str, axis: int, pads: tuple[int, int
     )
     even = ctx.op("Add", first, third, role=f"{role}_even")
     join = joining.columns if axis == 3 else joining.rows
-    joined = join(ctx.graph, (even, second), _channels(ctx), ctx.name(f"{role}_joined"))
+    channels = joining.channels_of(ctx.graph, ctx.node.input[0])
+    joined = join(ctx.graph, (even, second), channels, ctx.name(f"{role}_joined"))
     size = joining.slice_of_shape(ctx.graph, v, axis, axis + 1, ctx.name(f"{role}_size"))
     start = ctx.int64s([pads[0]], f"{role}_start")
     stop = ctx.op("Add", size, start, role=f"{role}_stop") if pads[0] else size
@@ -113,7 +114,7 @@ def _beats(ctx: Context, v: str, axis: int, pads: tuple[int, int], role: str, a:
     kernel[a], kernel[b] = 1, -1
     vertical = axis == 2
     size, strides = ([3, 1], [2, 1]) if vertical else ([1, 3], [1, 2])
-    channels, (begin, end) = _channels(ctx), pads
+    channels, (begin, end) = joining.channels_of(ctx.graph, ctx.node.input[0]), pads
     weight = np.broadcast_to(kernel.reshape(size), (channels, 1, *size))
     difference = ctx.op(
         "Conv", v, ctx.const(weight, f"{role}_kernel", like=ctx.node.input[0]), role=f"{role}_difference",
@@ -135,9 +136,3 @@ def _shifted(ctx: Context, piece: str, axis: int, by: int, role: str) -> str:
 def _complement(ctx: Context, mask: str, role: str) -> str:
     """1 - mask."""
     return phases.depthwise(ctx, mask, [[-1]], [1, 1], role, bias=1.0)
-
-
-def _channels(ctx: Context) -> int:
-    channels = (ctx.shape(ctx.node.input[0]) or [])[1]
-    assert isinstance(channels, int), "phases.splits has seen to that"
-    return channels

@@ -23,25 +23,23 @@ def whole(graph: Graph, part: Part) -> str:
     if len(part.pieces) == 1:
         full = graph.op("DepthToSpace", *part.pieces, name=f"{role}/interleaved", blocksize=2, mode="DCR")
         return fitted(graph, full, part.like, 2, part.margin, f"{role}/whole")
-    channels = (graph.shape(part.like) or [])[1]
-    assert isinstance(channels, int), "phases.splits has seen to that"
-    full = interleaved(graph, part.pieces, channels, role)
+    full = interleaved(graph, part.pieces, channels_of(graph, part.like), role)
     return channels_first(graph, fitted(graph, full, part.like, 1, part.margin, f"{role}/whole_nhwc"), f"{role}/whole")
 
 
-def mean_magnitude(graph: Graph, part: Phases, name: str) -> str:
-    """The mean of abs(v) over the channels, (N, 1, H, W), where v's phases are side by side in one piece.
+def magnitude(graph: Graph, part: Part, name: str) -> str:
+    """abs(v), (N, C, H, W); of phases that are side by side in one piece its mean over the channels, (N, 1, H, W).
 
     Taken before they are interleaved: a third of the values to move, for an image of three channels.
     """
+    if isinstance(part, str) or len(part.pieces) > 1:
+        return graph.op("Abs", whole(graph, part), name=f"{name}/abs")
     (piece,) = part.pieces
-    channels = (graph.shape(part.like) or [])[1]
-    assert isinstance(channels, int), "phases.splits has seen to that"
-    lead = graph.int64s([0, 4, channels], f"{name}/phases")
+    lead = graph.int64s([0, 4, channels_of(graph, part.like)], f"{name}/phases")
     shape = graph.op("Concat", lead, slice_of_shape(graph, piece, 2, 4, f"{name}/size"), name=f"{name}/shape", axis=0)
     apart = graph.op("Reshape", piece, shape, name=f"{name}/apart")
-    magnitude = graph.op("Abs", apart, name=f"{name}/abs")
-    mean = reduce_mean(graph, magnitude, 2, f"{name}/phase_means", keepdims=0)
+    absolute = graph.op("Abs", apart, name=f"{name}/abs")
+    mean = reduce_mean(graph, absolute, 2, f"{name}/phase_means", keepdims=0)
     return whole(graph, Phases((mean,), part.like, part.margin, clean=False))
 
 
@@ -85,6 +83,13 @@ def fitted(graph: Graph, full: str, like: str, axis: int, margin: int, name: str
     pads = graph.op("Concat", before, lack, *([after] if axis == 1 else []), name=f"{name}_pads", axis=0)
     fill = graph.const(0, f"{name}_fill", graph.dtype(like))
     return graph.op("Pad", full, pads, fill, name=name, mode="constant")
+
+
+def channels_of(graph: Graph, value: str) -> int:
+    """C of a forward value (N, C, H, W) that is pooled, or on the way from there to the image."""
+    channels = (graph.shape(value) or [])[1]
+    assert isinstance(channels, int), "phases.splits has seen to that"
+    return channels
 
 
 def channels_last(graph: Graph, value: str, name: str) -> str:

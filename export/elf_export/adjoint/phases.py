@@ -28,7 +28,7 @@ from elf_export.graph import Array
 from .conv import flipped
 from .geometry import Window, window_of
 from .gradient import Part, Phases, Rectified
-from .joining import whole
+from .joining import channels_of, whole
 from .portable import step
 from .registry import Context, Rule
 
@@ -237,8 +237,7 @@ def depthwise(
 ) -> str:
     """Each channel of x, which has as many as the node's input, convolved with the same small kernel."""
     like = ctx.node.input[0]
-    channels = (ctx.shape(like) or [])[1]
-    assert isinstance(channels, int), "splits has seen to that"
+    channels = channels_of(ctx.graph, like)
     size = list(np.shape(kernel))
     inputs = [x, ctx.const(np.broadcast_to(kernel, (channels, 1, *size)), f"{role}_kernel", like=like)]
     if bias is not None:

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import onnx
 
+from elf_export.adjoint import joining
 from elf_export.graph import Array, attributes
 
 from .choice import only_reader
@@ -96,17 +97,16 @@ def _interleaved(state: Rewriting, y: str, parts: list[str], stride: int, channe
     """(N, C, h, w) for each phase, in raster order, to (N, C, h s, w s)."""
     graph = state.graph
     joined = parts[0] if len(parts) == 1 else graph.op("Concat", *parts, name=f"{y}/phases_q", axis=1)
-    last = graph.op("Transpose", joined, name=f"{y}/phases_nhwc", perm=[0, 2, 3, 1])
+    last = joining.channels_last(graph, joined, f"{y}/phases_nhwc")
     apart = graph.op(
         "Reshape", last, graph.int64s([0, 0, 0, stride, stride * channels], f"{y}/apart_shape"), name=f"{y}/apart"
     )
     rows = graph.op("Transpose", apart, name=f"{y}/rows", perm=[0, 1, 3, 2, 4])
-    bounds = [graph.int64s([v], f"{y}/width_{what}") for v, what in ((2, "from"), (3, "to"), (0, "axis"))]
-    width = graph.op("Slice", graph.op("Shape", last, name=f"{y}/phases_shape"), *bounds, name=f"{y}/width")
+    width = joining.slice_of_shape(graph, last, 2, 3, f"{y}/width")
     wide = graph.op("Mul", width, graph.int64s([stride], f"{y}/stride"), name=f"{y}/wide")
     shape = graph.op(
         "Concat", graph.int64s([0, -1], f"{y}/keep"), wide, graph.int64s([channels], f"{y}/channels"),
         name=f"{y}/whole_shape", axis=0,
     )  # fmt: skip
     whole = graph.op("Reshape", rows, shape, name=f"{y}/whole")
-    return graph.op("Transpose", whole, name=f"{y}/whole_q", perm=[0, 3, 1, 2])
+    return joining.channels_first(graph, whole, f"{y}/whole_q")
