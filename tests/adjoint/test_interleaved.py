@@ -83,7 +83,10 @@ def test_what_no_window_covers_is_zero(size: tuple[int, int]) -> None:
 @pytest.mark.parametrize("rectified", [False, True])
 @pytest.mark.parametrize(("pad", "ceil"), [(0, 0), (0, 1), (1, 0), (1, 1)])
 @pytest.mark.parametrize("size", [(7, 9), (8, 8), (8, 11), (9, 10), (3, 3), (4, 5)])
-def test_windows_that_overlap(size: tuple[int, int], pad: int, ceil: int, rectified: bool) -> None:
+@pytest.mark.parametrize("channels_last", [False, True])
+def test_windows_that_overlap(
+    size: tuple[int, int], pad: int, ceil: int, rectified: bool, channels_last: bool
+) -> None:
     """Against torch, with a seed of any sign, on values in halves, which tie; zeros pad where a ReLU is before only."""
     rng = np.random.default_rng(0)
     x = np.round(2 * rng.standard_normal((2, CHANNELS, *size))) / 2
@@ -102,7 +105,7 @@ def test_windows_that_overlap(size: tuple[int, int], pad: int, ceil: int, rectif
                               opset_imports=[helper.make_opsetid("", 17)])  # fmt: skip
     graph = Graph(model)
     graph.model.graph.input.append(infos[2])
-    gradient = build_adjoint(graph, "y", "x", "given", channels_last=True)
+    gradient = build_adjoint(graph, "y", "x", "given", channels_last=channels_last)
     assert any(node.op_type == "DepthToSpace" for node in graph.nodes) == bool((pad or ceil) and not rectified)
     with np.errstate(over="ignore"):  # the general form pads with the lowest number there is
         found = evaluated(graph, gradient, x, given=given)
@@ -120,11 +123,11 @@ def test_mistakes_with_windows_that_overlap_are_caught(monkeypatch: pytest.Monke
         with monkeypatch.context() as patch:
             patch.setattr(interleaved, name, wrong)
             with pytest.raises(AssertionError):
-                test_windows_that_overlap((8, 11), 0, 0, False)
+                test_windows_that_overlap((8, 11), 0, 0, False, True)
     with monkeypatch.context() as patch:
         patch.setattr(phases, "positive", lambda ctx, y, _: ctx.op("HardSigmoid", y, alpha=0.0, beta=1.0))
         with pytest.raises(AssertionError):
-            test_windows_that_overlap((8, 11), 1, 0, True)
+            test_windows_that_overlap((8, 11), 1, 0, True, True)
 
 
 def test_a_mistake_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,9 +1,9 @@
-"""Max-pooling's adjoint with the gradient in one piece, channels last: the form that suits 8-bit convolutions.
+"""Max-pooling's adjoint with the gradient in one piece, interleaved channels last.
 
-8-bit convolutions run channels last, where rows and columns are interleaved by moving whole pixels: joining two
-maps along the channels IS interleaving their columns, once the result is read as twice as many pixels.  So the four
-phases of a 2x2 pool (see `phases`) are put together at once, and every convolution behind stays a plain 3x3 one.  3x3
-windows every 2 pixels, the other usual pool, go the same way one axis at a time.
+Channels last, rows and columns are interleaved by moving whole pixels: joining two maps along the channels IS
+interleaving their columns, once the result is read as twice as many pixels.  8-bit convolutions run so.  For them the
+four phases of a 2x2 pool (see `phases`) are put together at once, and every convolution behind stays a plain 3x3 one.
+3x3 windows every 2 pixels, the other usual pool, go the same way one axis at a time, for float convolutions too.
 
 All masks are steps of small depthwise convolutions, complements and products of such: what an 8-bit graph
 computes without rounding.

@@ -39,15 +39,14 @@ def max_pool(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
 
         r_0 = dy;   taken_o = r_o * [x_o = y],   r_{o+1} = r_o - taken_o = r_o * [y - x_o > 0]
 
-    The steps are exactly 0 or 1, so nothing is rounded.  The usual 2x2 windows
-    side by side have forms of their own, see `phases.split_max_pool` and `interleaved.max_pool`; 3x3 ones that overlap
-    have one channels last, `interleaved.overlapping_max_pool`.
+    The steps are exactly 0 or 1, so nothing is rounded.  The usual windows have forms of their own: 2x2 side by side
+    `phases.split_max_pool` and `interleaved.max_pool`, overlapping 3x3 `interleaved.overlapping_max_pool`.
     """
     window = window_of(ctx, ctx.attrs["kernel_shape"])
     if phases.splits(ctx, window):
         form = interleaved.max_pool if ctx.channels_last else phases.split_max_pool
         return [form(ctx, grad_y)]
-    if ctx.channels_last and interleaved.overlaps(ctx, window):
+    if interleaved.overlaps(ctx, window):
         return [interleaved.overlapping_max_pool(ctx, grad_y, window)]
     offsets = _offsets(window)
     y = node.output[0]
