@@ -3,7 +3,8 @@
     python benchmarks/node_times.py elf-vgg-pool2.onnx --size 480x640 --threads 2
 
 Convolutions are the network's and their adjoints'.  All else is overhead: masks and differences (which the graph takes
-by depthwise convolutions of one or two taps), max-pooling, products and sums, what only moves values, preprocessing.
+by depthwise convolutions of one or two taps), max-pooling, products and sums (along channels by 1x1 convolutions), what
+only moves values, preprocessing.
 """
 
 from __future__ import annotations
@@ -42,31 +43,37 @@ KINDS = (
 )
 
 
-def kind_of(op: str, name: str, masks: set[str]) -> str:
-    """One of `KINDS`, for an executed node of an ELF graph."""
+def kind_of(op: str, name: str, helping: dict[str, str]) -> str:
+    """One of `KINDS`, for an executed node of an ELF graph; `helping` is `helping_nodes` of its model."""
     if name.startswith("pre/"):
         return "preprocessing"
     # ONNX Runtime's own endings: of its blocked layout, of fused 8-bit nodes.
     base = re.sub(r"(_nchwc|_token_\d+)$", "", name)
     if op in CONVOLUTIONS:
-        return "masks and differences" if base in masks else "convolution"
+        return helping.get(base, "convolution")
     if op in POOLING:
         return "pooling"
     return "moving values" if op in MOVING else "products and sums"
 
 
-def mask_nodes(model: onnx.ModelProto) -> set[str]:
-    """Names of the nodes that make masks and differences: the adjoint's steps, and its depthwise convolutions.
+def helping_nodes(model: onnx.ModelProto) -> dict[str, str]:
+    """Name -> kind of the nodes that run as convolutions and are none of the network's, nor their adjoints.
 
+    Those are the adjoint's steps, its depthwise convolutions, and local response normalisation's sums over channels.
     The adjoint of a depthwise layer of the network is a convolution like any other: its role is "dx".
     """
-    found = set()
+    constants = {tensor.name: tensor for tensor in model.graph.initializer}
+    found = {}
     for node in model.graph.node:
         grouped = node.op_type == "Conv" and attributes(node).get("group", 1) > 1
         role = node.name.rsplit("/", 1)[-1]
         helps = grouped and (not role.startswith("dx") or role.endswith("_minus"))
         if node.name.startswith("adj/") and (helps or node.op_type == "HardSigmoid"):
-            found.add(node.name)
+            found[node.name] = "masks and differences"
+        elif node.op_type == "Conv" and node.input[1] in constants:
+            kernel = onnx.numpy_helper.to_array(constants[node.input[1]])
+            if kernel.shape[2:] == (1, 1) and np.unique(kernel[kernel != 0]).size == 1:
+                found[node.name] = "products and sums"
     return found
 
 
@@ -120,10 +127,10 @@ def main(arguments: list[str] | None = None) -> int:
             picture = picture if channels == 3 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)[..., None]
         data = data if args.outputs == "all" else with_outputs(data, args.outputs.split(","))
         times = node_times(data, picture[None].astype(np.float32), args.repeats, args.threads)
-        masks = mask_nodes(onnx.load_from_string(data))
+        helping = helping_nodes(onnx.load_from_string(data))
         total, by_kind = sum(times.values()), dict.fromkeys(KINDS, 0.0)
         for (node, op), time in times.items():
-            kind = kind_of(op, node, masks)
+            kind = kind_of(op, node, helping)
             by_kind[kind] += time
             if args.nodes:
                 print(f"{time:9.2f} ms  {kind:<22} {op:<18} {node}")

@@ -14,7 +14,7 @@ from .adjoint.gradient import Part
 from .errors import LayerError
 from .graph import Graph, reduce_mean
 from .layout import axes_of, image_layout
-from .passes import compose_convs, cut, fold_batchnorm, fold_constants, share_row_maxima
+from .passes import compose_convs, cut, expand_response, fold_batchnorm, fold_constants, share_row_maxima
 from .preprocessing import Preprocessing, prepend
 
 IMAGE, SALIENCY, GRADIENT = "image", "saliency", "gradient"
@@ -82,7 +82,7 @@ def build_saliency(
     outputs = [helper.make_tensor_value_info(SALIENCY, graph.elem_type(image), ["N", "H", "W"])]
     outputs += _descriptor_outputs(graph, descriptors, axes_of(graph, image, layout))
     composed = compose_convs(_with_outputs(graph, outputs), keep=[value.name for value in outputs])
-    graph = Graph(share_row_maxima(composed))
+    graph = Graph(share_row_maxima(expand_response(composed)))
     if preprocessing is not None:
         prepend(graph, image, preprocessing, IMAGE, color, layout)
     return _finished(graph, outputs)

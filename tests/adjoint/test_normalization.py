@@ -148,6 +148,7 @@ CASES = [
         {"size": 5, "alpha": 0.25, "beta": 0.5, "bias": 2.0},
     ),
     Case("lrn_1", "LRN", SHAPE, response(1), {"size": 1, "alpha": 0.5}),
+    Case("lrn_wider", "LRN", SHAPE, response(15), {"size": 15, "alpha": 0.5}),
 ]
 
 

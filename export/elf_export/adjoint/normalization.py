@@ -7,6 +7,8 @@ import math
 import numpy as np
 import onnx
 
+from elf_export.response import Response
+
 from .portable import mean, reduce, shape_of
 from .reduction import safe_inverse
 from .registry import Context, Gradients, adjoint
@@ -105,6 +107,19 @@ def local_response_normalization(ctx: Context, node: onnx.NodeProto, grad_y: str
 
     dx = dy d^-b - 2 a b / n x W^T(dy y / d), W^T the sum over the channels whose window holds this one.
     """
+    x, y = node.input[0], node.output[0]
+    response = Response.of(ctx.graph, node)
+    if response is None:
+        return [_pooled_response(ctx, node, grad_y)]
+    name = ctx.name("response")
+    d = response.denominator(name)
+    direct = ctx.op("Div", grad_y, response.power(d, name), role="direct")
+    pull = response.pull(ctx.op("Div", ctx.op("Mul", grad_y, y, role="dy_y"), d, role="dy_y_d"), name)
+    return [ctx.op("Add", direct, ctx.op("Mul", x, pull, role="indirect"), role="dx")]
+
+
+def _pooled_response(ctx: Context, node: onnx.NodeProto, grad_y: str) -> str:
+    """The same for any rank and an unknown number of channels: the sums by average pooling along the channels."""
     x, size = node.input[0], ctx.attrs["size"]
     alpha, beta = ctx.attrs.get("alpha", 1e-4), ctx.attrs.get("beta", 0.75)
     before, after = (size - 1) // 2, math.ceil((size - 1) / 2)
@@ -141,4 +156,4 @@ def local_response_normalization(ctx: Context, node: onnx.NodeProto, grad_y: str
     back = ctx.op(
         "Mul", ctx.op("Mul", x, spread), ctx.const(2 * alpha * beta, "gain_back", like=x), role="indirect"
     )
-    return [ctx.op("Sub", direct, back, role="dx")]
+    return ctx.op("Sub", direct, back, role="dx")

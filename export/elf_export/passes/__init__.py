@@ -5,6 +5,7 @@ from __future__ import annotations
 from .compose_convs import compose_convs
 from .convert_opset import OPSETS, convert_opset, opset_of
 from .cut import cut
+from .expand_response import expand_response
 from .fold_batchnorm import fold_batchnorm
 from .fold_constants import fold_constants
 from .half_precision import bfloat16_weights, half_precision
@@ -19,6 +20,7 @@ __all__ = [
     "compose_convs",
     "convert_opset",
     "cut",
+    "expand_response",
     "fold_batchnorm",
     "fold_constants",
     "half_precision",
