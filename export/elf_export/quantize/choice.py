@@ -53,9 +53,12 @@ def is_convolution(graph: Graph, node: onnx.NodeProto) -> bool:
     kernel = graph.constant(node.input[1])
     if kernel is None or kernel.ndim != 4 or not all(graph.is_constant(name) for name in node.input[2:] if name):
         return False
+    group = attributes(node).get("group", 1)
+    if kernel.shape[2:] == (1, 1) and group == 1 and np.unique(kernel[kernel != 0]).size == 1:
+        return False  # a sum over channels, of squares for example: what spans too many powers of two for 8 bits
     results, channels = kernel.shape[:2]
     worth = channels > 1 and kernel.size >= WORTH * (channels + results)
-    return bool(worth or attributes(node).get("group", 1) > 1)
+    return bool(worth or group > 1)
 
 
 def is_spreading(graph: Graph, readers: Readers, node: onnx.NodeProto) -> bool:

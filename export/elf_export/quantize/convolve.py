@@ -25,7 +25,7 @@ def convolve(
     lack = -kernel.shape[1] % DEPTH
     if lack and given.get("group", 1) == 1:
         q = np.pad(q, [(0, 0), (0, lack), (0, 0), (0, 0)])
-        source = _deepened(state, x, lack)
+        source = _deepened(state, x, kernel.shape[1], lack)
     inputs = [source, _constant(state, q, scales, f"{output}/weight")]
     if bias is not None:
         steps = scales * np.float32(state.rounding[x].scale)
@@ -34,12 +34,11 @@ def convolve(
     graph.op("Conv", *inputs, name=node.name or output, outputs=[output], **given)
 
 
-def _deepened(state: Rewriting, x: str, lack: int) -> str:
-    """x with so many more channels, of zeros."""
+def _deepened(state: Rewriting, x: str, depth: int, lack: int) -> str:
+    """x with so many more channels, for weights of zero: its first ones again, whose planes are quickly copied."""
     graph, scheme = state.graph, state.rounding[x]
-    pads = graph.int64s([0, 0, 0, 0, 0, lack, 0, 0], f"{x}/deep_pads")
-    fill = graph.const(np.uint8(scheme.zero), f"{x}/deep_fill")
-    q = graph.op("Pad", state.integers[x], pads, fill, name=f"{x}/deep_q")
+    channels = graph.int64s(np.arange(depth + lack) % depth, f"{x}/deep_channels")
+    q = graph.op("Gather", state.integers[x], channels, name=f"{x}/deep_q", axis=1)
     return graph.op("DequantizeLinear", q, *state.scale(f"{x}/deep", scheme), name=f"{x}/deep")
 
 

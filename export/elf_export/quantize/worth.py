@@ -18,10 +18,11 @@ from onnx import TensorProto, helper
 from elf_export.graph import Graph, attributes
 from elf_runtime.session import open_session
 
-MACS = 50  # multiply-adds of a convolution in floats that take as long, less those of one in integers
+MACS = 60  # multiply-adds of a convolution in floats that take as long, less those of one in integers
 TRANSPOSED = 2  # a ConvTranspose in floats takes so much longer than a convolution,
 EACH = 10  # and so many values' time for each value of its result where it is depthwise
-DEEPER = 4  # padding pixels' channels: for each value of the result
+DEEPER = 4  # copying channels, to have a multiple of four, and convolving the copies: for each value of them all
+LEAVING = 3  # making floats of integers, in another layout: for each value
 WITHIN = frozenset({"Conv", "Mul", "Add", "AveragePool", "Concat"})  # ONNX Runtime fuses these with their roundings
 MOVED = frozenset({"MaxPool", "Concat"})  # of integers, as costly in floats as there are values
 CLAMPING = frozenset({"Relu", "Clip"})
@@ -107,13 +108,11 @@ class _Regions:
             return -size if self._enters(node) else 0.0
         if node.op_type == "DequantizeLinear":
             readers = self.readers.get(node.output[0], [])
-            magnitude = any(reader.op_type == "Abs" for reader in readers)
-            return 0.0 if all(map(self._is_fused, readers)) else -size * (3 if magnitude else 1)
+            return 0.0 if all(map(self._is_fused, readers)) else -size * LEAVING
         if node.op_type == "Conv":
             return self._gain_of_conv(node, size)
-        if node.op_type == "Pad":
-            begin, end = self.sizes[node.input[0]], self.sizes[node.output[0]]
-            return -DEEPER * size if begin[1] != end[1] else 0.0
+        if node.op_type == "Gather":
+            return -DEEPER * size
         return size if node.op_type in MOVED or node.op_type in WITHIN else 0.0
 
     def _gain_of_conv(self, node: onnx.NodeProto, size: float) -> float:
