@@ -12,7 +12,7 @@ from onnx import helper
 from .adjoint import adjoint_parts, joining
 from .adjoint.gradient import Part
 from .errors import LayerError
-from .graph import Graph, reduce_mean
+from .graph import Graph
 from .layout import axes_of, image_layout
 from .passes import compose_convs, cut, expand_response, fold_batchnorm, fold_constants, share_row_maxima
 from .preprocessing import Preprocessing, prepend
@@ -77,8 +77,7 @@ def build_saliency(
         model, layer, descriptors, image_input, seed, differentiate, channels_last
     )
     layout = image_layout(graph, image)
-    magnitude = joining.magnitude(graph, gradient, "saliency")
-    reduce_mean(graph, magnitude, layout.index("C"), "saliency/mean", keepdims=0, output=SALIENCY)
+    joining.mean_magnitude(graph, gradient, layout.index("C"), SALIENCY)
     outputs = [helper.make_tensor_value_info(SALIENCY, graph.elem_type(image), ["N", "H", "W"])]
     outputs += _descriptor_outputs(graph, descriptors, axes_of(graph, image, layout))
     composed = compose_convs(_with_outputs(graph, outputs), keep=[value.name for value in outputs])

@@ -20,10 +20,10 @@ BOTH = {
     "Abs", "Add", "AveragePool", "BatchNormalization", "Cast", "Clip", "Concat", "Constant", "Conv", "ConvTranspose",
     "DepthToSpace", "Div", "Expand", "Gather", "GlobalAveragePool", "Greater", "HardSigmoid", "HardSwish", "LRN",
     "LeakyRelu", "Max", "MaxPool", "Mul", "Pad", "Pow", "ReduceMean", "ReduceProd", "ReduceSum", "Relu", "Reshape",
-    "Round", "Shape", "Sign", "Slice", "Sqrt", "Sub", "Sum", "Transpose", "Where",
+    "Round", "Shape", "Sign", "Slice", "Sqrt", "Squeeze", "Sub", "Sum", "Transpose", "Where",
 }  # fmt: skip
 # Input index that must be an initializer, for TensorRT.
-CONSTANT_INPUTS = {"Conv": [1], "ConvTranspose": [1], "Slice": [3], "ReduceSum": [1]}
+CONSTANT_INPUTS = {"Conv": [1], "ConvTranspose": [1], "Slice": [3], "ReduceSum": [1], "Squeeze": [1]}
 
 
 def graph_of(name: str) -> onnx.ModelProto:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
 import onnx
 
-from elf_export.graph import Array
-
-from .geometry import Window, begin_pads, crop_spatial, spatial_shape, window_of
+from . import strided
+from .geometry import Window, begin_pads, crop_spatial, flipped, spatial_shape, window_of
 from .registry import Context, Gradients, adjoint
 
 
@@ -24,6 +22,7 @@ def conv(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
 
     Stride 1: again a convolution, the kernel flipped and its channels transposed, pads k - 1 - p; it stays in
     the blocked layout in which ONNX Runtime convolves, and ConvTranspose does not.
+    Stride 2 to an image's few channels: a convolution for each phase of dx, see `strided`.
     Otherwise ConvTranspose, whose kernel layout (C_in = O, C_out/g = I/g) is W's own.  Up to s - 1 trailing
     pixels were never covered by a window: output_padding makes room for them, and what is beyond x is cut.
     """
@@ -42,17 +41,10 @@ def conv(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
             "Conv", grad_y, ctx.const(flipped(weight, group), "weight"), role="dx",
             kernel_shape=list(window.kernel), pads=pads, dilations=list(window.dilations), group=group,
         )  # fmt: skip
-    else:
-        dx = _transposed(ctx, node, grad_y, window, group)
-    return [dx]
-
-
-def flipped(weight: Array, group: int) -> Array:
-    """Kernel of a stride-1 convolution's adjoint: (O, I/g, k...) -> (I, O/g, k...), each k flipped."""
-    out, per_group, *kernel = weight.shape
-    swapped = weight.reshape(group, out // group, per_group, *kernel).swapaxes(1, 2)
-    joined = swapped.reshape(group * per_group, out // group, *kernel)
-    return np.ascontiguousarray(np.flip(joined, tuple(range(2, joined.ndim))))
+        return [dx]
+    if weight is not None and strided.suits(ctx, window, weight, group):
+        return [strided.conv(ctx, grad_y, window, weight)]
+    return [_transposed(ctx, node, grad_y, window, group)]
 
 
 def _transposed(ctx: Context, node: onnx.NodeProto, grad_y: str, window: Window, group: int) -> str:

@@ -10,6 +10,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from elf_export.graph import Array
+
 from .portable import FAR, Ints, ints, positive_part, slice_axes
 from .registry import Context
 
@@ -117,3 +121,11 @@ def crop_spatial(ctx: Context, x: str, begin: str, size: str, role: str, axes: l
     """x[..., begin : begin + size] along the spatial `axes`; begin and size are int64 (n,) values."""
     end = ctx.op("Add", begin, size, role=f"{role}_ends")
     return ctx.op("Slice", x, begin, end, ctx.int64s(axes, f"{role}_axes"), role=role)
+
+
+def flipped(weight: Array, group: int) -> Array:
+    """Kernel of a stride-1 convolution's adjoint: (O, I/g, k...) -> (I, O/g, k...), each k flipped."""
+    out, per_group, *kernel = weight.shape
+    swapped = weight.reshape(group, out // group, per_group, *kernel).swapaxes(1, 2)
+    joined = swapped.reshape(group * per_group, out // group, *kernel)
+    return np.ascontiguousarray(np.flip(joined, tuple(range(2, joined.ndim))))

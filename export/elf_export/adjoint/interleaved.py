@@ -28,7 +28,7 @@ def max_pool(ctx: Context, grad_y: str) -> str:
     x, y = ctx.node.input[0], ctx.node.output[0]
     rectified = phases.is_rectified(ctx, x)
     if rectified and grad_y != y:
-        grad_y = ctx.op("Mul", grad_y, phases.positive(ctx, y, "y"), role="dy_positive")
+        grad_y = ctx.op("Mul", grad_y, step(ctx, y, "positive"), role="dy_positive")
     rows = phases.row_maxima(ctx)
     lower = phases.bottom_wins(ctx, rows)
     pieces = []
@@ -67,7 +67,7 @@ def overlapping_max_pool(ctx: Context, grad_y: str, window: Window) -> str:
     assert window.begin is not None, "overlaps has seen to that"
     rectified = phases.is_rectified(ctx, x)
     if rectified and grad_y != y:
-        grad_y = ctx.op("Mul", grad_y, phases.positive(ctx, y, "y"), role="dy_positive")
+        grad_y = ctx.op("Mul", grad_y, step(ctx, y, "positive"), role="dy_positive")
     (top, left), (bottom, right) = window.begin, window.end
     ceil = 1 if window.ceil else None
     rows = ctx.op(

@@ -27,20 +27,29 @@ def whole(graph: Graph, part: Part) -> str:
     return channels_first(graph, fitted(graph, full, part.like, 1, part.margin, f"{role}/whole_nhwc"), f"{role}/whole")
 
 
-def magnitude(graph: Graph, part: Part, name: str) -> str:
-    """abs(v), (N, C, H, W); of phases that are side by side in one piece its mean over the channels, (N, 1, H, W).
+def mean_magnitude(graph: Graph, part: Part, axis: int, output: str) -> str:
+    """abs(v) averaged over the channels, which are `axis` of v: (N, H, W), called `output`.
 
-    Taken before they are interleaved: a third of the values to move, for an image of three channels.
+    Of phases that are side by side in one piece the mean is taken before they are interleaved: a third of the values to
+    move, for an image of three channels.
     """
     if isinstance(part, str) or len(part.pieces) > 1:
-        return graph.op("Abs", whole(graph, part), name=f"{name}/abs")
+        absolute = graph.op("Abs", whole(graph, part), name=f"{output}/abs")
+        return reduce_mean(graph, absolute, axis, f"{output}/mean", keepdims=0, output=output)
     (piece,) = part.pieces
-    lead = graph.int64s([0, 4, channels_of(graph, part.like)], f"{name}/phases")
-    shape = graph.op("Concat", lead, slice_of_shape(graph, piece, 2, 4, f"{name}/size"), name=f"{name}/shape", axis=0)
-    apart = graph.op("Reshape", piece, shape, name=f"{name}/apart")
-    absolute = graph.op("Abs", apart, name=f"{name}/abs")
-    mean = reduce_mean(graph, absolute, 2, f"{name}/phase_means", keepdims=0)
-    return whole(graph, Phases((mean,), part.like, part.margin, clean=False))
+    lead = graph.int64s([0, 4, channels_of(graph, part.like)], f"{output}/phases")
+    size = slice_of_shape(graph, piece, 2, 4, f"{output}/size")
+    apart = graph.op(
+        "Reshape", piece, graph.op("Concat", lead, size, name=f"{output}/shape", axis=0), name=f"{output}/apart"
+    )
+    absolute = graph.op("Abs", apart, name=f"{output}/abs")
+    mean = reduce_mean(graph, absolute, 2, f"{output}/phase_means", keepdims=0)
+    joined = whole(graph, Phases((mean,), part.like, part.margin, clean=False))
+    as_input = graph.opset >= 13
+    axes = [graph.int64s([1], f"{output}/axis")] if as_input else []
+    return graph.op(
+        "Squeeze", joined, *axes, name=f"{output}/mean", outputs=[output], axes=None if as_input else [1]
+    )
 
 
 def interleaved(graph: Graph, pieces: Sequence[str], channels: int, role: str) -> str:

@@ -25,8 +25,7 @@ import numpy.typing as npt
 
 from elf_export.graph import Array
 
-from .conv import flipped
-from .geometry import Window, window_of
+from .geometry import Window, flipped, window_of
 from .gradient import Part, Phases, Rectified
 from .joining import channels_of, whole
 from .portable import step
@@ -64,7 +63,7 @@ def split_max_pool(ctx: Context, grad_y: str) -> Phases:
         # Put together by `whole`, outside the blocked layout: back into it at once, for all that follows.
         grad_y = depthwise(ctx, grad_y, [[1]], [1, 1], "dy_blocked")
     if rectified and grad_y != y:
-        grad_y = ctx.op("Mul", grad_y, positive(ctx, y, "y"), role="dy_positive")
+        grad_y = ctx.op("Mul", grad_y, step(ctx, y, "positive"), role="dy_positive")
     rows = row_maxima(ctx)
     bottom = ctx.op("Mul", grad_y, bottom_wins(ctx, rows), role="dy_bottom")
     top = _minus(ctx, grad_y, bottom, "dy_top")
@@ -206,11 +205,6 @@ def _taps(size: int, pad: int, source: int, outputs: Sequence[int]) -> list[tupl
     """Along one axis: (shift, output phase, tap) of all taps that read phase `source`."""
     reads = [((a + t - pad) // 2, (a + t - pad) % 2, a, t) for a in sorted(set(outputs)) for t in range(size)]
     return [(shift, a, t) for shift, c, a, t in reads if c == source]
-
-
-def positive(ctx: Context, y: str, role: str) -> str:
-    """[y > 0] as numbers, of y's shape (N, C, H, W)."""
-    return _step(ctx, y, [[1]], [1, 1], f"positive_{role}")
 
 
 def _step(

@@ -19,8 +19,7 @@ from elf_export.graph import Graph, attributes
 from elf_runtime.session import open_session
 
 MACS = 60  # multiply-adds of a convolution in floats that take as long, less those of one in integers
-TRANSPOSED = 2  # a ConvTranspose in floats takes so much longer than a convolution,
-EACH = 10  # and so many values' time for each value of its result where it is depthwise
+EACH = 10  # a depthwise ConvTranspose in floats: for each value of its result
 DEEPER = 4  # copying channels, to have a multiple of four, and convolving the copies: for each value of them all
 LEAVING = 3  # making floats of integers, in another layout: for each value
 WITHIN = frozenset({"Conv", "Mul", "Add", "AveragePool", "Concat"})  # ONNX Runtime fuses these with their roundings
@@ -122,7 +121,7 @@ class _Regions:
             return size * EACH if spread else size
         kernel = self.graph.shape(self.makers[node.input[1]].input[0]) or []
         depth = float(np.prod([d for d in kernel[1:] if isinstance(d, int)]))
-        return size * depth / MACS * (TRANSPOSED if spread else 1)
+        return size * depth / MACS
 
     def _count(self, name: str) -> float:
         return float(np.prod(self.sizes[name]))

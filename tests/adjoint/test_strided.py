@@ -1,0 +1,108 @@
+"""A convolution every 2 pixels: its adjoint in phases, exact for every kernel, padding and parity."""
+
+from __future__ import annotations
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from onnx import TensorProto, helper, numpy_helper
+
+from elf_export.adjoint import build_adjoint, strided
+from elf_export.graph import Graph
+from elf_export.saliency import SALIENCY, build_saliency
+
+from .test_phases import evaluated
+
+CHANNELS, RESULTS = 3, 6
+# (kernel), (pads at the top, on the left, below, on the right)
+FORMS = [
+    ((3, 3), (0, 0, 0, 0)),  # Xception's and SqueezeNet's first
+    ((3, 3), (1, 1, 1, 1)),  # the MobileNets'
+    ((7, 7), (3, 3, 3, 3)),  # ResNet's
+    ((3, 3), (0, 0, 1, 1)),  # TensorFlow's SAME, of even sizes
+    ((2, 2), (0, 0, 0, 0)),
+    ((1, 1), (0, 0, 0, 0)),
+    ((4, 5), (1, 2, 2, 0)),
+    ((5, 2), (4, 1, 0, 1)),
+]
+
+
+def first_layer(kernel: np.ndarray, pads: tuple[int, ...], **attributes: object) -> onnx.ModelProto:
+    """x (N, 3, H, W) -> Conv -> y"""
+    tensors = [numpy_helper.from_array(kernel, "w")]
+    given = {"strides": [2, 2], "pads": list(pads)} | attributes
+    node = helper.make_node("Conv", ["x", "w"], ["y"], name="y", **given)
+    infos = [
+        helper.make_tensor_value_info(name, TensorProto.DOUBLE, ["N", channels, h, w])
+        for name, channels, h, w in (("x", CHANNELS, "H", "W"), ("y", RESULTS, "h", "w"))
+    ]
+    graph = helper.make_graph([node], "g", infos[:1], infos[1:], tensors)
+    return helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 17)])
+
+
+def problem(
+    kernel: tuple[int, int], pads: tuple[int, ...], size: tuple[int, int]
+) -> tuple[onnx.ModelProto, np.ndarray, np.ndarray]:
+    """The model, images, and the gradient of 1/2 |y|^2 there by torch."""
+    rng = np.random.default_rng(0)
+    weight, x = rng.standard_normal((RESULTS, CHANNELS, *kernel)), rng.standard_normal((2, CHANNELS, *size))
+    image = torch.tensor(x, requires_grad=True)
+    framed = torch.nn.functional.pad(image, [pads[1], pads[3], pads[0], pads[2]])
+    y = torch.nn.functional.conv2d(framed, torch.tensor(weight), stride=2)
+    (wanted,) = torch.autograd.grad(y, image, y.detach())
+    return first_layer(weight, pads), x, wanted.numpy()
+
+
+@pytest.mark.parametrize(("kernel", "pads"), FORMS)
+@pytest.mark.parametrize("size", [(12, 16), (13, 17), (12, 17), (7, 8)])
+def test_exact_in_float64(kernel: tuple[int, int], pads: tuple[int, ...], size: tuple[int, int]) -> None:
+    model, x, wanted = problem(kernel, pads, size)
+    graph = Graph(model)
+    gradient = build_adjoint(graph, "y", "x")
+    assert not any(node.op_type == "ConvTranspose" for node in graph.nodes)
+    np.testing.assert_allclose(evaluated(graph, gradient, x), wanted, atol=1e-11)
+
+
+@pytest.mark.parametrize("size", [(12, 16), (13, 17)])
+def test_the_saliency_averages_in_phases(size: tuple[int, int]) -> None:
+    model, x, wanted = problem((3, 3), (1, 1, 1, 1), size)
+    graph = Graph(build_saliency(model, "y"))
+    (join,) = (node for node in graph.nodes if node.op_type == "DepthToSpace")
+    assert graph.shape(join.input[0])[1] == 4  # one channel for each phase
+    np.testing.assert_allclose(evaluated(graph, SALIENCY, x), np.abs(wanted).mean(axis=1), atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("pads", "attributes"),
+    [
+        ((1, 1, 1, 1), {"strides": [4, 4]}),
+        ((1, 1, 1, 1), {"strides": [2, 1]}),
+        ((2, 2, 2, 2), {"dilations": [2, 2]}),
+        ((2, 2, 2, 2), {}),  # more padding than kernel: windows that see none of the image
+        ((3, 3, 0, 0), {}),
+    ],
+)
+def test_other_forms_stay_with_the_transposed_convolution(pads: tuple[int, ...], attributes: dict[str, object]) -> None:
+    weight = np.random.default_rng(0).standard_normal((RESULTS, CHANNELS, 3, 3))
+    graph = Graph(first_layer(weight, pads, **attributes))
+    build_adjoint(graph, "y", "x")
+    assert any(node.op_type == "ConvTranspose" for node in graph.nodes)
+
+
+def test_8_bit_graphs_keep_it() -> None:
+    """They have phases of their own (quantize.spread), of rounded numbers."""
+    graph = Graph(problem((3, 3), (1, 1, 1, 1), (12, 16))[0])
+    build_adjoint(graph, "y", "x", channels_last=True)
+    assert any(node.op_type == "ConvTranspose" for node in graph.nodes)
+
+
+def test_a_mistake_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Shifts one too low, and phases in another order."""
+    right = strided._shifts
+    changes = {"_shifts": lambda size, pad: [s - 1 for s in right(size, pad)], "PHASES": strided.PHASES[::-1]}
+    for name, wrong in changes.items():
+        with monkeypatch.context() as patch:
+            patch.setattr(strided, name, wrong)
+            with pytest.raises(AssertionError):
+                test_exact_in_float64((3, 3), (1, 1, 1, 1), (13, 17))
