@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
-import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -28,6 +26,7 @@ from .refine import parabola_peaks
 from .session import Provider, bundled_model, is_cpu, open_session
 from .subgraph import with_outputs
 from .threshold import blurred, passing
+from .work import Stopwatch, Work, as_points, prepared
 
 Shape = tuple[int, ...]
 
@@ -211,7 +210,7 @@ class ElfRuntime:
         """As `detect`, with the saliency, the scores, the threshold mask and the time of each stage."""
         params = self.params(preset, **settings)
         spec = self.contract.descriptor(descriptor)
-        watch = _Stopwatch()
+        watch = Stopwatch()
         with watch("read"):
             array = images.read(image)
         with watch("prepare"):
@@ -251,7 +250,7 @@ class ElfRuntime:
         params = self.params(preset, **settings)
         spec = self.contract.descriptor(descriptor)
         results: list[Features] = []
-        group: list[_Work] = []
+        group: list[Work] = []
         most = self.contract.input.batch or batch_size
 
         def flush() -> None:
@@ -261,7 +260,7 @@ class ElfRuntime:
             index = 0
             for work in group:
                 found = saliency[index] if work.textured else None
-                traced = self._finish(work, params, spec, found, maps if work.textured else {}, index, _Stopwatch())
+                traced = self._finish(work, params, spec, found, maps if work.textured else {}, index, Stopwatch())
                 results.append(traced.features)
                 index += work.textured
             group.clear()
@@ -317,7 +316,7 @@ class ElfRuntime:
         spec = self.contract.descriptor(descriptor)
         if spec is None:
             raise SettingError(f"{self._name}: exported with --desc none, it can't describe")
-        where = _points(points)
+        where = as_points(points)
         work = self._prepare(images.read(image), self.params(None, scale=scale), None)
         if len(where) == 0:
             return np.zeros((0, spec.dim), np.float32)
@@ -343,26 +342,8 @@ class ElfRuntime:
         base = self.contract.detection if name in (None, "default") else preset(name, self.contract.network)
         return base.updated(**settings)
 
-    def _prepare(self, array: npt.NDArray[Any], params: DetectionParams, mask: npt.ArrayLike | None) -> _Work:
-        spec = self.contract.input
-        pixels = images.to_pixels(array, spec)
-        size = (pixels.shape[0], pixels.shape[1])
-        if min(size) < spec.min_size:
-            raise ImageError(
-                f"the image has {size[1]}x{size[0]} pixels; the smallest is {spec.min_size}x{spec.min_size}"
-            )
-        if spec.is_fixed and params.scale != 1.0:
-            raise SettingError(
-                f"{self._name} takes images of {spec.width or 'any'}x{spec.height or 'any'} (width x height) only and "
-                f"resizes to that: scale {params.scale:g} can't be chosen"
-            )
-        scale = max(params.scale, spec.min_size / min(size)) if params.scale < 1.0 else params.scale
-        textured = not images.is_flat(pixels)
-        pixels = images.resized(pixels, spec.size_for(size[0], size[1], scale))
-        if spec.is_fixed:
-            scale = float(np.sqrt(pixels.shape[0] / size[0] * pixels.shape[1] / size[1]))
-        allowed = images.to_mask(mask, size, pixels.shape[:2]) if mask is not None else None
-        return _Work(pixels, size, scale, allowed, textured)
+    def _prepare(self, array: npt.NDArray[Any], params: DetectionParams, mask: npt.ArrayLike | None) -> Work:
+        return prepared(array, params, mask, self.contract.input, self._name)
 
     def _run(
         self, pixels: Array, specs: Sequence[DescriptorSpec], saliency: bool = True
@@ -396,13 +377,13 @@ class ElfRuntime:
 
     def _finish(
         self,
-        work: _Work,
+        work: Work,
         params: DetectionParams,
         spec: DescriptorSpec | None,
         saliency: Array | None,
         maps: Mapping[str, Array],
         index: int,
-        watch: _Stopwatch,
+        watch: Stopwatch,
     ) -> Trace:
         dim = spec.dim if spec else 0
         if saliency is None:
@@ -419,10 +400,10 @@ class ElfRuntime:
             if work.allowed is not None:
                 mask &= work.allowed
         with watch("nms"):
-            border = _length(params.border, work.scale)
+            border = work.length(params.border)
             inside = tuple(slice(border, size - border) for size in mask.shape)  # empty where the border is all
             found, strength = greedy_nms(
-                scores[inside], mask[inside], _length(params.nms_radius, work.scale), params.max_keypoints
+                scores[inside], mask[inside], work.length(params.nms_radius), params.max_keypoints
             )
             found += border
             # The paper's scores were of 8 bits so far.
@@ -434,60 +415,3 @@ class ElfRuntime:
                 descriptors = sample(maps[spec.output][index], points, spec.stride, spec.offset)
         features = Features(work.to_source(points), best, descriptors, work.size, params.nms_radius)
         return Trace(features, saliency, values, mask, watch.seconds)
-
-
-@dataclass(frozen=True)
-class _Work:
-    """An image made ready: pixels at the working size, and the way back to the source."""
-
-    pixels: Array  # (h, w, C)
-    size: tuple[int, int]  # (H, W) of the source
-    scale: float
-    allowed: npt.NDArray[np.bool_] | None
-    textured: bool
-
-    @property
-    def _ratio(self) -> npt.NDArray[np.float64]:
-        (height, width), (h, w) = self.size, self.pixels.shape[:2]
-        return np.array([w / width, h / height])
-
-    def to_source(self, points: Array) -> Array:
-        """Working to source pixels; the images' corners coincide, not their first pixels' centres."""
-        return ((points + 0.5) / self._ratio - 0.5).astype(np.float32)
-
-    def to_working(self, points: Array) -> Array:
-        return ((points + 0.5) * self._ratio - 0.5).astype(np.float32)
-
-
-class _Stopwatch:
-    """Adds up the wall time of named stages."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    @contextmanager
-    def __call__(self, stage: str) -> Iterator[None]:
-        start = time.perf_counter()
-        yield
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
-
-
-def _length(pixels: int, scale: float) -> int:
-    """A length of the source image in working pixels; a positive one stays positive."""
-    return max(1, round(pixels * scale)) if pixels else 0
-
-
-def _points(points: Any) -> Array:
-    if isinstance(points, Sequence) and points and hasattr(points[0], "pt"):
-        points = [p.pt for p in points]
-    try:
-        array = np.asarray(points, np.float32)
-    except (TypeError, ValueError) as error:
-        raise ImageError(f"points are an (N, 2) array of (x, y): {error}") from error
-    if array.size == 0:
-        return np.zeros((0, 2), np.float32)
-    if array.ndim != 2 or array.shape[1] != 2:
-        raise ImageError(f"points are an (N, 2) array of (x, y), not of shape {array.shape}")
-    if not np.isfinite(array).all():
-        raise ImageError("some points are NaN or infinite")
-    return array
