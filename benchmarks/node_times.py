@@ -22,6 +22,7 @@ import numpy as np
 import onnx
 
 from elf_export.graph import attributes
+from elf_export.response import sums_channels
 from elf_runtime.contract import ModelContract
 from elf_runtime.image import read
 from elf_runtime.session import open_session
@@ -72,7 +73,7 @@ def helping_nodes(model: onnx.ModelProto) -> dict[str, str]:
             found[node.name] = "masks and differences"
         elif node.op_type == "Conv" and node.input[1] in constants:
             kernel = onnx.numpy_helper.to_array(constants[node.input[1]])
-            if kernel.shape[2:] == (1, 1) and np.unique(kernel[kernel != 0]).size == 1:
+            if sums_channels(kernel, attributes(node).get("group", 1)):
                 found[node.name] = "products and sums"
     return found
 

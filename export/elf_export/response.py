@@ -72,3 +72,8 @@ class Response:
 
     def _const(self, value: float | Array, name: str) -> str:
         return self.graph.const(value, name, self.graph.dtype(self.x))
+
+
+def sums_channels(kernel: Array, group: int) -> bool:
+    """Whether a Conv of this kernel (O, I/g, k...) adds up channels at one place, all with the same weight."""
+    return bool(group == 1 and kernel.shape[2:] == (1, 1) and np.unique(kernel[kernel != 0]).size == 1)

@@ -8,6 +8,7 @@ import numpy as np
 import onnx
 
 from elf_export.graph import Graph, attributes
+from elf_export.response import sums_channels
 
 # Ops that only move values, or choose among them: a result has the scheme of what it is made from.
 MOVING = frozenset({
@@ -54,8 +55,8 @@ def is_convolution(graph: Graph, node: onnx.NodeProto) -> bool:
     if kernel is None or kernel.ndim != 4 or not all(graph.is_constant(name) for name in node.input[2:] if name):
         return False
     group = attributes(node).get("group", 1)
-    if kernel.shape[2:] == (1, 1) and group == 1 and np.unique(kernel[kernel != 0]).size == 1:
-        return False  # a sum over channels, of squares for example: what spans too many powers of two for 8 bits
+    if sums_channels(kernel, group):
+        return False  # squares, for example: what spans too many powers of two for 8 bits
     results, channels = kernel.shape[:2]
     worth = channels > 1 and kernel.size >= WORTH * (channels + results)
     return bool(worth or group > 1)
