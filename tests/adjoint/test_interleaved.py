@@ -125,7 +125,7 @@ def test_mistakes_with_windows_that_overlap_are_caught(monkeypatch: pytest.Monke
             with pytest.raises(AssertionError):
                 test_windows_that_overlap((8, 11), 0, 0, False, True)
     with monkeypatch.context() as patch:
-        patch.setattr(interleaved, "step", lambda ctx, y, _: ctx.op("HardSigmoid", y, alpha=0.0, beta=1.0))
+        patch.setattr(phases, "step", lambda ctx, y, _: ctx.op("HardSigmoid", y, alpha=0.0, beta=1.0))
         with pytest.raises(AssertionError):
             test_windows_that_overlap((8, 11), 1, 0, True, True)
 

@@ -25,10 +25,10 @@ def max_pool(ctx: Context, grad_y: str) -> str:
 
     As `phases.split_max_pool`, with products in place of differences: dy_top = dy (1 - [t_bottom > t_top]).
     """
-    x, y = ctx.node.input[0], ctx.node.output[0]
+    x = ctx.node.input[0]
     rectified = phases.is_rectified(ctx, x)
-    if rectified and grad_y != y:
-        grad_y = ctx.op("Mul", grad_y, step(ctx, y, "positive"), role="dy_positive")
+    if rectified:
+        grad_y = phases.cleared(ctx, grad_y)
     rows = phases.row_maxima(ctx)
     lower = phases.bottom_wins(ctx, rows)
     pieces = []
@@ -63,11 +63,11 @@ def overlapping_max_pool(ctx: Context, grad_y: str, window: Window) -> str:
     The maximum is one over rows of t, the maxima along them.  So the gradient goes from y to the first row of t that
     attains y, where two windows may meet in one row, and from there to the first place in that row of x.
     """
-    x, y = ctx.node.input[0], ctx.node.output[0]
+    x = ctx.node.input[0]
     assert window.begin is not None, "overlaps has seen to that"
     rectified = phases.is_rectified(ctx, x)
-    if rectified and grad_y != y:
-        grad_y = ctx.op("Mul", grad_y, step(ctx, y, "positive"), role="dy_positive")
+    if rectified:
+        grad_y = phases.cleared(ctx, grad_y)
     (top, left), (bottom, right) = window.begin, window.end
     ceil = 1 if window.ceil else None
     rows = ctx.op(

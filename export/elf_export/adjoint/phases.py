@@ -56,14 +56,14 @@ def split_max_pool(ctx: Context, grad_y: str) -> Phases:
     Where x is a ReLU's output, dy is cleared first where y = 0: the places left over are then all positive, and
     that ReLU's own mask has nothing more to do.
     """
-    x, y = ctx.node.input[0], ctx.node.output[0]
+    x = ctx.node.input[0]
     rectified = is_rectified(ctx, x)
     before = ctx.graph.producers().get(grad_y)
     if before is not None and before.op_type == "Transpose":
         # Put together by `whole`, outside the blocked layout: back into it at once, for all that follows.
         grad_y = depthwise(ctx, grad_y, [[1]], [1, 1], "dy_blocked")
-    if rectified and grad_y != y:
-        grad_y = ctx.op("Mul", grad_y, step(ctx, y, "positive"), role="dy_positive")
+    if rectified:
+        grad_y = cleared(ctx, grad_y)
     rows = row_maxima(ctx)
     bottom = ctx.op("Mul", grad_y, bottom_wins(ctx, rows), role="dy_bottom")
     top = _minus(ctx, grad_y, bottom, "dy_top")
@@ -79,6 +79,12 @@ def is_rectified(ctx: Context, x: str) -> bool:
     """Whether a ReLU makes x."""
     producer = ctx.graph.producers().get(x)
     return producer is not None and producer.op_type == "Relu"
+
+
+def cleared(ctx: Context, grad_y: str) -> str:
+    """dy [y > 0], y being the node's result; dy itself where it is y, the seed, of a pool behind a ReLU."""
+    y = ctx.node.output[0]
+    return grad_y if grad_y == y else ctx.op("Mul", grad_y, step(ctx, y, "positive"), role="dy_positive")
 
 
 def row_maxima(ctx: Context) -> str:
