@@ -7,7 +7,7 @@ import pytest
 import torch
 from onnx import TensorProto, helper
 
-from elf_export.adjoint import build_adjoint, interleaved, phases
+from elf_export.adjoint import build_adjoint, depthwise, interleaved, phases
 from elf_export.adjoint.registry import Context
 from elf_export.graph import Graph
 
@@ -152,5 +152,5 @@ def _not_left(ctx: Context, row: int) -> str:
     """[right >= left]: of a tie, the right place."""
     kernel = np.zeros((2, 2))
     kernel[row] = 1, -1
-    left = phases._step(ctx, ctx.node.input[0], kernel, [2, 2], f"left_wins_{row}")
+    left = depthwise.step(ctx, ctx.node.input[0], kernel, [2, 2], f"left_wins_{row}")
     return interleaved._complement(ctx, left, f"right_wins_or_ties_{row}")

@@ -17,10 +17,15 @@ from elf_export.saliency import SALIENCY, build_saliency
 from helpers import textured
 
 CHANNELS = 5
+# Pads at the top, on the left, below, on the right, of 3x3 kernels: phases of (H + 1) // 2 rows, and of H // 2 + 1.
+DOWN = {"down1": (1, 1, 1, 1), "down2": (0, 0, 1, 1)}
 
 
 def chain(layers: list[str], kernels: dict[str, np.ndarray]) -> onnx.ModelProto:
-    """x (N, 3, H, W) through `layers`: convN (same size), relu, pool, add (the value and itself shifted by one)."""
+    """x (N, 3, H, W) through `layers`.
+
+    convN (same size), downN (depthwise, every 2 pixels), relu, relu6, pool, add (the value and itself).
+    """
     nodes, tensors, value = [], [], "x"
     for index, kind in enumerate(layers):
         out = f"v{index}"
@@ -30,8 +35,16 @@ def chain(layers: list[str], kernels: dict[str, np.ndarray]) -> onnx.ModelProto:
                 tensors.append(numpy_helper.from_array(kernel, kind))
             pads = [(k - 1) // 2 for k in kernel.shape[2:]] + [k // 2 for k in kernel.shape[2:]]
             nodes.append(helper.make_node("Conv", [value, kind], [out], name=out, pads=pads))
+        elif kind.startswith("down"):
+            tensors.append(numpy_helper.from_array(kernels[kind], kind))
+            form = {"pads": DOWN[kind], "strides": [2, 2], "group": len(kernels[kind])}
+            nodes.append(helper.make_node("Conv", [value, kind], [out], name=out, **form))
         elif kind == "relu":
             nodes.append(helper.make_node("Relu", [value], [out], name=out))
+        elif kind == "relu6":
+            bounds = [numpy_helper.from_array(np.float64(bound), f"{out}_{bound}") for bound in (0, 6)]
+            tensors += bounds
+            nodes.append(helper.make_node("Clip", [value, *(bound.name for bound in bounds)], [out], name=out))
         elif kind == "pool":
             nodes.append(helper.make_node("MaxPool", [value], [out], name=out, kernel_shape=[2, 2], strides=[2, 2]))
         else:
@@ -51,8 +64,14 @@ def by_torch(layers: list[str], kernels: dict[str, np.ndarray], x: np.ndarray) -
             k = kernels[kind].shape[2:]
             framed = torch.nn.functional.pad(value, [(k[1] - 1) // 2, k[1] // 2, (k[0] - 1) // 2, k[0] // 2])
             value = torch.nn.functional.conv2d(framed, torch.tensor(kernels[kind]))
+        elif kind.startswith("down"):
+            top, left, bottom, right = DOWN[kind]
+            framed = torch.nn.functional.pad(value, [left, right, top, bottom])
+            value = torch.nn.functional.conv2d(framed, torch.tensor(kernels[kind]), stride=2, groups=value.shape[1])
         elif kind == "relu":
             value = value.relu()
+        elif kind == "relu6":
+            value = torch.nn.functional.relu6(value)
         elif kind == "pool":
             value = torch.nn.functional.max_pool2d(value, 2)
         else:
@@ -82,6 +101,10 @@ CHAINS = {
     "relu behind a pool": ["conv1", "pool", "relu", "conv2", "relu", "pool"],
     "two uses": ["conv1", "relu", "add", "conv2", "relu", "pool"],
     "a relu twice": ["conv1", "relu", "relu", "pool"],
+    "relu6 before a pool": ["conv1", "relu6", "conv2", "relu6", "pool"],
+    "a mobile network's blocks": ["conv1", "relu6", "conv2", "relu", "down1", "conv3", "relu6", "down2"],
+    "TensorFlow's padding": ["conv1", "relu6", "conv2", "relu6", "down2"],
+    "every 2 pixels without a relu": ["conv1", "down1", "relu", "pool"],
 }
 
 
@@ -104,6 +127,7 @@ def problem(
         "conv1": eighths(rng.standard_normal((CHANNELS, 3, *kernel))),
         "conv2": eighths(rng.standard_normal((CHANNELS, CHANNELS, *kernel))),
         "conv3": eighths(rng.standard_normal((CHANNELS, CHANNELS, 3, 3))),
+        **{down: eighths(rng.standard_normal((CHANNELS, 1, 3, 3))) for down in DOWN},
     }
     if layers[0] == "pool":
         kernels["conv1"] = eighths(rng.standard_normal((CHANNELS, 3, 3, 3)))
@@ -124,7 +148,7 @@ def test_exact_in_float64(name: str, kernel: tuple[int, int], size: tuple[int, i
     layers, kernels, x, seed = problem(name, kernel, size)
     graph = Graph(chain(layers, kernels))
     gradient = build_adjoint(graph, graph.model.graph.output[0].name, "x")
-    assert any(node.name.endswith("/dx_00") for node in graph.nodes)  # the pool did split
+    assert any(node.name.endswith("/dx_00") for node in graph.nodes)  # in phases
     found = evaluated(graph, gradient, x)
     wanted = by_torch(layers, kernels, x)
     assert found.shape == wanted.shape

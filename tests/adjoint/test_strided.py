@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import onnx
 import pytest
@@ -28,30 +30,31 @@ FORMS = [
 ]
 
 
-def first_layer(kernel: np.ndarray, pads: tuple[int, ...], **attributes: object) -> onnx.ModelProto:
+def layer(kernel: np.ndarray, pads: tuple[int, ...], **attributes: object) -> onnx.ModelProto:
     """x (N, 3, H, W) -> Conv -> y"""
     tensors = [numpy_helper.from_array(kernel, "w")]
     given = {"strides": [2, 2], "pads": list(pads)} | attributes
     node = helper.make_node("Conv", ["x", "w"], ["y"], name="y", **given)
     infos = [
         helper.make_tensor_value_info(name, TensorProto.DOUBLE, ["N", channels, h, w])
-        for name, channels, h, w in (("x", CHANNELS, "H", "W"), ("y", RESULTS, "h", "w"))
+        for name, channels, h, w in (("x", CHANNELS, "H", "W"), ("y", len(kernel), "h", "w"))
     ]
     graph = helper.make_graph([node], "g", infos[:1], infos[1:], tensors)
     return helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 17)])
 
 
 def problem(
-    kernel: tuple[int, int], pads: tuple[int, ...], size: tuple[int, int]
+    kernel: tuple[int, int], pads: tuple[int, ...], size: tuple[int, int], depthwise: bool = False
 ) -> tuple[onnx.ModelProto, np.ndarray, np.ndarray]:
     """The model, images, and the gradient of 1/2 |y|^2 there by torch."""
     rng = np.random.default_rng(0)
-    weight, x = rng.standard_normal((RESULTS, CHANNELS, *kernel)), rng.standard_normal((2, CHANNELS, *size))
+    channels, groups = ((CHANNELS, 1), CHANNELS) if depthwise else ((RESULTS, CHANNELS), 1)
+    weight, x = rng.standard_normal((*channels, *kernel)), rng.standard_normal((2, CHANNELS, *size))
     image = torch.tensor(x, requires_grad=True)
     framed = torch.nn.functional.pad(image, [pads[1], pads[3], pads[0], pads[2]])
-    y = torch.nn.functional.conv2d(framed, torch.tensor(weight), stride=2)
+    y = torch.nn.functional.conv2d(framed, torch.tensor(weight), stride=2, groups=groups)
     (wanted,) = torch.autograd.grad(y, image, y.detach())
-    return first_layer(weight, pads), x, wanted.numpy()
+    return layer(weight, pads, group=groups), x, wanted.numpy()
 
 
 @pytest.mark.parametrize(("kernel", "pads"), FORMS)
@@ -61,6 +64,19 @@ def test_exact_in_float64(kernel: tuple[int, int], pads: tuple[int, ...], size: 
     graph = Graph(model)
     gradient = build_adjoint(graph, "y", "x")
     assert not any(node.op_type == "ConvTranspose" for node in graph.nodes)
+    np.testing.assert_allclose(evaluated(graph, gradient, x), wanted, atol=1e-11)
+
+
+@pytest.mark.parametrize(("kernel", "pads"), [*FORMS, ((3, 3), (1, 0, 1, 1)), ((5, 5), (2, 2, 2, 2))])
+@pytest.mark.parametrize("size", [(12, 16), (13, 17), (12, 17), (7, 8)])
+def test_depthwise_in_four_phases(kernel: tuple[int, int], pads: tuple[int, ...], size: tuple[int, int]) -> None:
+    """Where every phase has a tap, and rows and columns are as many as each other's phases have."""
+    model, x, wanted = problem(kernel, pads, size, depthwise=True)
+    graph = Graph(model)
+    gradient = build_adjoint(graph, "y", "x")
+    over = [k - pads[axis] - pads[axis + 2] for axis, k in enumerate(kernel)]
+    alike = min(kernel) > 1 and over[0] % 2 == over[1] % 2
+    assert any(node.op_type == "ConvTranspose" for node in graph.nodes) is not alike
     np.testing.assert_allclose(evaluated(graph, gradient, x), wanted, atol=1e-11)
 
 
@@ -81,11 +97,12 @@ def test_the_saliency_averages_in_phases(size: tuple[int, int]) -> None:
         ((2, 2, 2, 2), {"dilations": [2, 2]}),
         ((2, 2, 2, 2), {}),  # more padding than kernel: windows that see none of the image
         ((3, 3, 0, 0), {}),
+        ((1, 1, 1, 1), {"group": 3}),  # two results of each channel
     ],
 )
 def test_other_forms_stay_with_the_transposed_convolution(pads: tuple[int, ...], attributes: dict[str, object]) -> None:
-    weight = np.random.default_rng(0).standard_normal((RESULTS, CHANNELS, 3, 3))
-    graph = Graph(first_layer(weight, pads, **attributes))
+    weight = np.random.default_rng(0).standard_normal((RESULTS, 1 if "group" in attributes else CHANNELS, 3, 3))
+    graph = Graph(layer(weight, pads, **attributes))
     build_adjoint(graph, "y", "x")
     assert any(node.op_type == "ConvTranspose" for node in graph.nodes)
 
@@ -98,11 +115,15 @@ def test_8_bit_graphs_keep_it() -> None:
 
 
 def test_a_mistake_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Shifts one too low, and phases in another order."""
-    right = strided._shifts
-    changes = {"_shifts": lambda size, pad: [s - 1 for s in right(size, pad)], "PHASES": strided.PHASES[::-1]}
-    for name, wrong in changes.items():
+    """Taps one row and column further, and phases in another order."""
+    right = strided._kernel
+
+    def further(weight: np.ndarray, begin: tuple[int, ...], *others: Any) -> np.ndarray:
+        return right(weight, tuple(b + 1 for b in begin), *others)
+
+    for name, wrong in {"_kernel": further, "PHASES": strided.PHASES[::-1]}.items():
         with monkeypatch.context() as patch:
             patch.setattr(strided, name, wrong)
-            with pytest.raises(AssertionError):
-                test_exact_in_float64((3, 3), (1, 1, 1, 1), (13, 17))
+            for test in (test_exact_in_float64, test_depthwise_in_four_phases):
+                with pytest.raises(AssertionError):
+                    test((3, 3), (1, 1, 1, 1), (13, 17))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import onnx
 
+from . import depthwise
 from .portable import as_number, step
 from .registry import Context, Gradients, adjoint
 
@@ -50,22 +51,33 @@ def thresholded_relu(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradien
 
 
 @adjoint("Clip")
-def clip(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
+def clip(ctx: Context, _node: onnx.NodeProto, grad_y: str) -> Gradients:
     """y = min(max(x, lo), hi);  dx = dy [lo < y < hi] = dy sign((y - lo) (hi - y)).   lo, hi: () or absent
 
     Both ends get zero, as in torch's relu6 and hardtanh (its clamp passes the gradient there).
     """
-    y, low, high = node.output[0], ctx.input(1), ctx.input(2)
+    inside = room(ctx)
+    return [grad_y if inside is None else ctx.op("Mul", grad_y, step(ctx, inside, "mask"), role="dx")]
+
+
+def room(ctx: Context) -> str | None:
+    """(y - low) (high - y) of a Clip, positive just where its gradient passes; None if it has no bounds."""
+    y, low, high = ctx.node.output[0], ctx.input(1), ctx.input(2)
     above = below = ""
     if low:
         bound = ctx.value(low)
         above = y if bound is not None and not bound.any() else ctx.op("Sub", y, low, role="above_low")
     if high:
-        below = ctx.op("Sub", high, y, role="below_high")
-    if not (above or below):
-        return [grad_y]
-    room = ctx.op("Mul", above, below, role="room") if above and below else above or below
-    return [ctx.op("Mul", grad_y, step(ctx, room, "mask"), role="dx")]
+        below = _below(ctx, y, high)
+    return ctx.op("Mul", above, below, role="room") if above and below else above or below or None
+
+
+def _below(ctx: Context, y: str, high: str) -> str:
+    """high - y; of a map of known channels in the blocked layout, which Sub leaves."""
+    bound, shape = ctx.value(high), ctx.shape(ctx.node.input[0]) or []
+    if ctx.channels_last or bound is None or len(shape) != 4 or not isinstance(shape[1], int):
+        return ctx.op("Sub", high, y, role="below_high")
+    return depthwise.convolve(ctx, y, [[-1]], [1, 1], "below_high", bias=float(bound))
 
 
 @adjoint("HardSigmoid")

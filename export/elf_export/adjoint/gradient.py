@@ -4,6 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum
+
+
+class Extent(Enum):
+    """How many rows the phases of a map of H rows have, and columns likewise."""
+
+    FLOOR = "H // 2"  # as floor-mode pooling leaves them: what it drops is zero and not held
+    CEIL = "(H + 1) // 2"
+    BEYOND = "H // 2 + 1"
 
 
 @dataclass(frozen=True)
@@ -13,10 +22,8 @@ class Phases:
     Attributes
     ----------
     pieces : four values, or one with the four side by side along the channels
-        v_00, v_01, v_10, v_11, each (N, C, h, w) with h = H // 2 + margin, w = W // 2 + margin.
-    margin : 0 or 1
-        0: what floor-mode pooling drops from v is zero and not held.  1: one more row and column than an even
-        size has.
+        v_00, v_01, v_10, v_11, each (N, C, h, w), h and w being of that extent.
+    extent : Extent
     clean : bool
         Whether what the pieces hold beyond H and W is zero.
     zero_unless_positive : str, optional
@@ -25,7 +32,7 @@ class Phases:
 
     pieces: tuple[str, ...]
     like: str
-    margin: int = 0
+    extent: Extent = Extent.FLOOR
     clean: bool = True
     zero_unless_positive: str | None = None
 

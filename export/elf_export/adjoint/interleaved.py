@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from . import joining, phases
+from . import depthwise, joining, phases
 from .geometry import Window
 from .gradient import Phases, Rectified
 from .portable import step
@@ -135,4 +135,4 @@ def _shifted(ctx: Context, piece: str, axis: int, by: int, role: str) -> str:
 
 def _complement(ctx: Context, mask: str, role: str) -> str:
     """1 - mask."""
-    return phases.depthwise(ctx, mask, [[-1]], [1, 1], role, bias=1.0)
+    return depthwise.convolve(ctx, mask, [[-1]], [1, 1], role, bias=1.0)

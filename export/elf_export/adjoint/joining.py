@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from elf_export.graph import Graph, reduce_mean
 
-from .gradient import Part, Phases
+from .gradient import Extent, Part, Phases
 
 
 def whole(graph: Graph, part: Part) -> str:
@@ -22,9 +22,9 @@ def whole(graph: Graph, part: Part) -> str:
     role = f"adj/{part.like}"
     if len(part.pieces) == 1:
         full = graph.op("DepthToSpace", *part.pieces, name=f"{role}/interleaved", blocksize=2, mode="DCR")
-        return fitted(graph, full, part.like, 2, part.margin, f"{role}/whole")
+        return fitted(graph, full, part.like, 2, part.extent, f"{role}/whole")
     full = interleaved(graph, part.pieces, channels_of(graph, part.like), role)
-    return channels_first(graph, fitted(graph, full, part.like, 1, part.margin, f"{role}/whole_nhwc"), f"{role}/whole")
+    return channels_first(graph, fitted(graph, full, part.like, 1, part.extent, f"{role}/whole_nhwc"), f"{role}/whole")
 
 
 def mean_magnitude(graph: Graph, part: Part, axis: int, output: str) -> str:
@@ -44,7 +44,7 @@ def mean_magnitude(graph: Graph, part: Part, axis: int, output: str) -> str:
     )
     absolute = graph.op("Abs", apart, name=f"{output}/abs")
     mean = reduce_mean(graph, absolute, 2, f"{output}/phase_means", keepdims=0)
-    joined = whole(graph, Phases((mean,), part.like, part.margin, clean=False))
+    joined = whole(graph, Phases((mean,), part.like, part.extent, clean=False))
     as_input = graph.opset >= 13
     axes = [graph.int64s([1], f"{output}/axis")] if as_input else []
     return graph.op(
@@ -76,13 +76,13 @@ def rows(graph: Graph, pair: Sequence[str], channels: int, name: str) -> str:
     return graph.op("Reshape", behind, graph.op("Concat", *sizes, name=f"{name}_shape", axis=0), name=name)
 
 
-def fitted(graph: Graph, full: str, like: str, axis: int, margin: int, name: str) -> str:
-    """`full` cut (margin 1), or filled up with zeros (margin 0), to the H and W of `like`, (N, C, H, W).
+def fitted(graph: Graph, full: str, like: str, axis: int, extent: Extent, name: str) -> str:
+    """`full` cut, or filled up with zeros (extent FLOOR), to the H and W of `like`, (N, C, H, W).
 
     `axis` is where H and W begin in `full`: 2, or 1 channels last.
     """
     size = slice_of_shape(graph, like, 2, 4, f"{name}_size")
-    if margin:
+    if extent is not Extent.FLOOR:
         bounds = [graph.int64s(v, f"{name}_{what}") for v, what in (([0, 0], "from"), ([axis, axis + 1], "axes"))]
         return graph.op("Slice", full, bounds[0], size, bounds[1], name=name)
     # Rows and columns that no window covers are zero.

@@ -8,11 +8,6 @@ are cheap to make, and putting them together is not: it moves every value, outsi
 ONNX Runtime convolves.  So a gradient may stay in phases while it passes through ReLUs and convolutions of
 stride 1 (the same multiplications, sorted by phase), and is put together only where a rule wants it whole,
 at the latest at the image, where it has three channels.
-
-Masks are HardSigmoid(1e30 d - 1) of a depthwise convolution that takes the difference d: ONNX Runtime runs the two
-as one operator, in the blocked layout.  It is exactly 1 for d > 0 and 0 for d <= 0, d itself being the correctly
-rounded difference of two values; a positive d below 2e-30 would not be 1.  The 1 is there because OpenVINO takes an
-offset of 0 for an absent one, whose default is 0.5; in half precision too it is a number, and not 0.
 """
 
 from __future__ import annotations
@@ -21,13 +16,14 @@ import itertools
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from elf_export.graph import Array
 
+from . import depthwise
+from .activation import room
 from .geometry import Window, flipped, window_of
-from .gradient import Part, Phases, Rectified
-from .joining import channels_of, whole
+from .gradient import Extent, Part, Phases, Rectified
+from .joining import whole
 from .portable import step
 from .registry import Context, Rule
 
@@ -61,16 +57,16 @@ def split_max_pool(ctx: Context, grad_y: str) -> Phases:
     before = ctx.graph.producers().get(grad_y)
     if before is not None and before.op_type == "Transpose":
         # Put together by `whole`, outside the blocked layout: back into it at once, for all that follows.
-        grad_y = depthwise(ctx, grad_y, [[1]], [1, 1], "dy_blocked")
+        grad_y = depthwise.convolve(ctx, grad_y, [[1]], [1, 1], "dy_blocked")
     if rectified:
         grad_y = cleared(ctx, grad_y)
     rows = row_maxima(ctx)
     bottom = ctx.op("Mul", grad_y, bottom_wins(ctx, rows), role="dy_bottom")
-    top = _minus(ctx, grad_y, bottom, "dy_top")
+    top = depthwise.minus(ctx, grad_y, bottom, "dy_top")
     top_right = ctx.op("Mul", top, right_wins(ctx, 0), role="dx_01")
     bottom_right = ctx.op("Mul", bottom, right_wins(ctx, 1), role="dx_11")
-    top_left = _minus(ctx, top, top_right, "dx_00")
-    bottom_left = _minus(ctx, bottom, bottom_right, "dx_10")
+    top_left = depthwise.minus(ctx, top, top_right, "dx_00")
+    bottom_left = depthwise.minus(ctx, bottom, bottom_right, "dx_10")
     pieces = (top_left, top_right, bottom_left, bottom_right)
     return Phases(pieces, x, zero_unless_positive=x if rectified else None)
 
@@ -94,14 +90,14 @@ def row_maxima(ctx: Context) -> str:
 
 def bottom_wins(ctx: Context, rows: str) -> str:
     """Of each window: is its bottom row's maximum the larger one?  (N, C, h, w)."""
-    return _step(ctx, rows, [[-1], [1]], [2, 1], "bottom_wins")
+    return depthwise.step(ctx, rows, [[-1], [1]], [2, 1], "bottom_wins")
 
 
 def right_wins(ctx: Context, row: int) -> str:
     """Of each window's top row (0) or bottom row (1): is the right value the larger one?  (N, C, h, w)."""
     kernel = np.zeros((2, 2))
     kernel[row] = -1, 1
-    return _step(ctx, ctx.node.input[0], kernel, [2, 2], f"right_wins_{('top', 'bottom')[row]}")
+    return depthwise.step(ctx, ctx.node.input[0], kernel, [2, 2], f"right_wins_{('top', 'bottom')[row]}")
 
 
 # -- passing phases on -----------------------------------------------------------------------------------------
@@ -111,19 +107,30 @@ def relu(ctx: Context, grad: Phases) -> Phases | None:
     """dx = dy [y > 0], phase by phase."""
     y = ctx.node.output[0]
     if grad.zero_unless_positive == y:
-        return Phases(grad.pieces, ctx.node.input[0], grad.margin, grad.clean)
+        return Phases(grad.pieces, ctx.node.input[0], grad.extent, grad.clean)
+    return _masked(ctx, grad, y)
+
+
+def clip(ctx: Context, grad: Phases) -> Phases | None:
+    """dx = dy [low < y < high], phase by phase."""
+    inside = room(ctx)
+    return None if inside is None else _masked(ctx, grad, inside)
+
+
+def _masked(ctx: Context, grad: Phases, v: str) -> Phases | None:
+    """dx = dy [v > 0], v being of the shape of the node's input."""
     if len(grad.pieces) == 1:
         return None
     pieces = []
     for (a, b), piece in zip(PHASES, grad.pieces, strict=True):
-        # Without a margin, the windows of the last odd row and column must not begin at it: 2x2, as the pool's.
-        pick = np.zeros((a + 1, b + 1) if grad.margin else (2, 2))
+        # Of phases that end with the last window of 2x2, none may begin at a last odd row or column.
+        pick = np.zeros((2, 2) if grad.extent is Extent.FLOOR else (a + 1, b + 1))
         pick[a, b] = 1
-        ends = [a + 1, b + 1] if grad.margin else [0, 0]
-        mask = _step(ctx, y, pick, [2, 2], f"mask_{a}{b}", ends)
+        more = {Extent.FLOOR: (0, 0), Extent.CEIL: (a, b), Extent.BEYOND: (a + 1, b + 1)}[grad.extent]
+        mask = depthwise.step(ctx, v, pick, [2, 2], f"mask_{a}{b}", more)
         pieces.append(ctx.op("Mul", piece, mask, role=f"dx_{a}{b}"))
-    # Beyond y's edge the masks are zero, and with them the products.
-    return Phases(tuple(pieces), ctx.node.input[0], grad.margin)
+    # Beyond v's edge the masks are zero, and with them the products.
+    return Phases(tuple(pieces), ctx.node.input[0], grad.extent)
 
 
 def conv(ctx: Context, grad: Phases) -> Phases | None:
@@ -155,7 +162,8 @@ def conv(ctx: Context, grad: Phases) -> Phases | None:
         pieces = [_phase_of_conv(ctx, grad, kernel, pads, outputs, weights) for outputs in wanted]
     except _BeyondReachError:
         return None
-    return Phases(tuple(pieces), node.input[0], margin=1, clean=False)
+    extent = Extent.BEYOND if grad.extent is Extent.FLOOR else grad.extent
+    return Phases(tuple(pieces), node.input[0], extent, clean=False)
 
 
 class _BeyondReachError(Exception):
@@ -184,8 +192,8 @@ def _phase_of_conv(
             if (ay, ax) in outputs:
                 at = outputs.index((ay, ax)) * kernel.shape[0]
                 part[at : at + kernel.shape[0], :, sy - low[0], sx - low[1]] = kernel[:, :, ty, tx]
-        # Output rows i = 0 .. h with margin 1 read rows i + low .. i + high.
-        edges = [-lo for lo in low] + [1 - grad.margin + h for h in high]
+        # Output row i reads rows i + low .. i + high.  What ends with the last window reaches one row further.
+        edges = [-lo for lo in low] + [h + (grad.extent is Extent.FLOOR) for h in high]
         if min(edges) < 0:
             raise _BeyondReachError
         plans.append((piece, source, part, edges))
@@ -213,40 +221,7 @@ def _taps(size: int, pad: int, source: int, outputs: Sequence[int]) -> list[tupl
     return [(shift, a, t) for shift, c, a, t in reads if c == source]
 
 
-def _step(
-    ctx: Context, x: str, kernel: npt.ArrayLike, strides: list[int], role: str, ends: Sequence[int] = (0, 0)
-) -> str:
-    """[d > 0] with d = a depthwise convolution of x, which `ends` pads with rows below and columns on the right."""
-    return step(ctx, depthwise(ctx, x, kernel, strides, f"{role}_difference", ends), role)
-
-
-def _minus(ctx: Context, a: str, b: str, role: str) -> str:
-    """a - b as a sum, which the convolution that negates b does in place."""
-    negated = depthwise(ctx, b, [[-1]], [1, 1], f"{role}_minus")
-    return ctx.op("Add", negated, a, role=role)
-
-
-def depthwise(
-    ctx: Context,
-    x: str,
-    kernel: npt.ArrayLike,
-    strides: list[int],
-    role: str,
-    ends: Sequence[int] = (0, 0),
-    bias: float | None = None,
-) -> str:
-    """Each channel of x, which has as many as the node's input, convolved with the same small kernel."""
-    like = ctx.node.input[0]
-    channels = channels_of(ctx.graph, like)
-    size = list(np.shape(kernel))
-    inputs = [x, ctx.const(np.broadcast_to(kernel, (channels, 1, *size)), f"{role}_kernel", like=like)]
-    if bias is not None:
-        inputs.append(ctx.const(np.broadcast_to(bias, channels), f"{role}_bias", like=like))
-    pads = [0, 0, *ends]
-    return ctx.op("Conv", *inputs, role=role, kernel_shape=size, strides=strides, group=channels, pads=pads)
-
-
-_ON_PHASES: dict[str, Callable[[Context, Phases], Phases | None]] = {"Relu": relu, "Conv": conv}
+_ON_PHASES: dict[str, Callable[[Context, Phases], Phases | None]] = {"Relu": relu, "Clip": clip, "Conv": conv}
 
 
 def _is_masked(grad: Part | None, y: str) -> bool:

@@ -1,0 +1,54 @@
+"""Differences, masks and sums as depthwise convolutions, in the blocked layout in which ONNX Runtime convolves.
+
+Masks are HardSigmoid(1e30 d - 1) of a depthwise convolution that takes the difference d: ONNX Runtime runs the two
+as one operator, in the blocked layout.  It is exactly 1 for d > 0 and 0 for d <= 0, d itself being the correctly
+rounded difference of two values; a positive d below 2e-30 would not be 1.  The 1 is there because OpenVINO takes an
+offset of 0 for an absent one, whose default is 0.5; in half precision too it is a number, and not 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from . import portable
+from .joining import channels_of
+from .registry import Context
+
+
+def convolve(
+    ctx: Context,
+    x: str,
+    kernel: npt.ArrayLike,
+    strides: list[int],
+    role: str,
+    ends: Sequence[int] = (0, 0),
+    bias: float | None = None,
+) -> str:
+    """Each channel of x, which has as many as the node's input, convolved with the same small kernel.
+
+    `ends` pads x with rows below and columns on the right.
+    """
+    like = ctx.node.input[0]
+    channels = channels_of(ctx.graph, like)
+    size = list(np.shape(kernel))
+    inputs = [x, ctx.const(np.broadcast_to(kernel, (channels, 1, *size)), f"{role}_kernel", like=like)]
+    if bias is not None:
+        inputs.append(ctx.const(np.broadcast_to(bias, channels), f"{role}_bias", like=like))
+    pads = [0, 0, *ends]
+    return ctx.op("Conv", *inputs, role=role, kernel_shape=size, strides=strides, group=channels, pads=pads)
+
+
+def step(
+    ctx: Context, x: str, kernel: npt.ArrayLike, strides: list[int], role: str, ends: Sequence[int] = (0, 0)
+) -> str:
+    """[d > 0] with d = `convolve` of the same arguments."""
+    return portable.step(ctx, convolve(ctx, x, kernel, strides, f"{role}_difference", ends), role)
+
+
+def minus(ctx: Context, a: str, b: str, role: str) -> str:
+    """a - b as a sum, which the convolution that negates b does in place."""
+    negated = convolve(ctx, b, [[-1]], [1, 1], f"{role}_minus")
+    return ctx.op("Add", negated, a, role=role)
