@@ -52,7 +52,7 @@ def thresholded_relu(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradien
 
 @adjoint("Clip")
 def clip(ctx: Context, _node: onnx.NodeProto, grad_y: str) -> Gradients:
-    """y = min(max(x, lo), hi);  dx = dy [lo < y < hi] = dy sign((y - lo) (hi - y)).   lo, hi: () or absent
+    """y = min(max(x, lo), hi);  dx = dy [lo < y < hi] = dy [(y - lo) (hi - y) > 0].   lo, hi: () or absent
 
     Both ends get zero, as in torch's relu6 and hardtanh (its clamp passes the gradient there).
     """
@@ -106,6 +106,6 @@ def is_positive(ctx: Context, x: str) -> str:
 
 
 def _inside_unit(ctx: Context, h: str, like: str) -> str:
-    """[0 < h < 1] = sign(h (1 - h)) for h in [0, 1]."""
+    """[0 < h < 1] = [h (1 - h) > 0] for h in [0, 1]."""
     rest = ctx.op("Sub", ctx.const(1, "unit", like=like), h, role="below_one")
-    return ctx.op("Sign", ctx.op("Mul", h, rest, role="room"), role="inside")
+    return step(ctx, ctx.op("Mul", h, rest, role="room"), "inside")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import onnx
 
+from .portable import step
 from .registry import Context, Gradients, adjoint
 
 
@@ -77,7 +78,7 @@ def extreme(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """y = max_i x_i (or min);  dx_i = dy where x_i is the FIRST that attains y, else 0.
 
     As in max pooling the gradient is handed on until somebody takes it:
-    r_1 = dy;  r_{i+1} = r_i sign|y - x_i|,  dx_i = r_i - r_{i+1};  the last takes what is left.
+    r_1 = dy;  r_{i+1} = r_i [|y - x_i| > 0],  dx_i = r_i - r_{i+1};  the last takes what is left.
     (torch.maximum halves it between two that tie.)
     """
     y = node.output[0]
@@ -89,7 +90,7 @@ def extreme(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
             if node.op_type == "Max"
             else ctx.op("Sub", x, y, role=f"gap_{i}")
         )
-        passed = ctx.op("Mul", rest, ctx.op("Sign", gap, role=f"other_{i}"), role=f"passed_{i}")
+        passed = ctx.op("Mul", rest, step(ctx, gap, f"other_{i}"), role=f"passed_{i}")
         grads.append(ctx.op("Sub", rest, passed, role=f"taken_{i}") if ctx.wanted[i] else None)
         rest = passed
     return [*grads, rest]
