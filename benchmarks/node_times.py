@@ -50,20 +50,28 @@ def kind_of(op: str, name: str, helping: dict[str, str]) -> str:
         return "preprocessing"
     # ONNX Runtime's own endings: of its blocked layout, of fused 8-bit nodes.
     base = re.sub(r"(_nchwc|_token_\d+)$", "", name)
+    if base in helping:
+        return helping[base]
     if op in CONVOLUTIONS:
-        return helping.get(base, "convolution")
+        return "convolution"
     if op in POOLING:
         return "pooling"
     return "moving values" if op in MOVING else "products and sums"
 
 
 def helping_nodes(model: onnx.ModelProto) -> dict[str, str]:
-    """Name -> kind of the nodes that run as convolutions and are none of the network's, nor their adjoints.
+    """Name -> kind of what runs as a convolution and is none of the network's, nor their adjoints, and of masks.
 
     Those are the adjoint's steps, its depthwise convolutions, and local response normalisation's sums over channels.
     The adjoint of a depthwise layer of the network is a convolution like any other: its role is "dx".
     """
     constants = {tensor.name: tensor for tensor in model.graph.initializer}
+    # In bf16 files weights are cast to float32 where they are read.
+    constants |= {
+        node.output[0]: constants[node.input[0]]
+        for node in model.graph.node
+        if node.op_type == "Cast" and node.input[0] in constants
+    }
     found = {}
     for node in model.graph.node:
         grouped = node.op_type == "Conv" and attributes(node).get("group", 1) > 1

@@ -24,7 +24,7 @@ from .methods.opencv import OPENCV, installed
 from .pareto import Study, study
 from .protocol import Protocol
 from .report import pareto as pareto_report
-from .report import plots, write_pictures, write_report
+from .report import plots, write_index, write_pictures, write_report
 from .report.names import without_folders
 from .results import Results
 from .runner import Resources, run
@@ -38,7 +38,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     args.command_line = shlex.join(["elf-eval", *arguments])
     try:
         args.action(args)
-    except (EvalError, ElfError) as error:
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader, `head` for example, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for the flush at exit
+        return 1
+    except (EvalError, ElfError, OSError) as error:
         print(f"elf-eval: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
@@ -59,8 +63,7 @@ def _run(args: argparse.Namespace) -> None:
         protocol = _protocol(args, suite.protocol)
         _run_suite(replace(suite, protocol=protocol), out / path.stem, args)
     if suites:
-        index = "".join(f"- [{suite.title}]({path.stem}/README.md)\n" for path, suite in suites)
-        (out / "README.md").write_text(f"# Evaluation\n\nMade by `{args.command_line}`.\n\n{index}")
+        write_index(out)
 
 
 def _run_suite(suite: Suite, out: Path, args: argparse.Namespace) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -245,6 +246,37 @@ def test_one_command_makes_the_whole_report(suite_file, tmp_path, capsys):
     (folder / "README.md").unlink()
     assert main(["report", str(folder / "results.json"), "--suite", str(suite_file)]) == 0
     assert "pictures/" in (folder / "README.md").read_text()
+
+
+def test_the_index_has_the_pages_of_earlier_runs_too(suite_file, tmp_path):
+    out = tmp_path / "out"
+    (out / "before").mkdir(parents=True)
+    (out / "before" / "README.md").write_text("# An earlier run\n\nFigures.\n")
+    (out / "times.md").write_text("# Time and matching score\n")
+    assert main(["run", str(suite_file), "--out", str(out), "--cache", str(tmp_path / "c"), "--quiet"]) == 0
+    links = [line for line in (out / "README.md").read_text().splitlines() if line.startswith("- ")]
+    assert links == [
+        "- [An earlier run](before/README.md)",
+        "- [Two scenes](small/README.md)",
+        "- [Time and matching score](times.md)",
+    ]
+
+
+def test_an_output_that_can_t_be_written_is_one_line(suite_file, tmp_path, capsys):
+    (tmp_path / "file").write_text("in the way")
+    assert main(["run", str(suite_file), "--out", str(tmp_path / "file" / "out"), "--quiet"]) == 1
+    error = capsys.readouterr().err.strip().splitlines()
+    assert len(error) == 1
+    assert "file" in error[0]
+
+
+def test_a_reader_that_has_seen_enough_ends_the_command_quietly():
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", "elf_eval.cli", "list"]
+    ended = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writer)
+    assert (ended.returncode, ended.stderr) == (1, "")
 
 
 def test_averages_are_per_scene_then_over_scenes(suite, resources):

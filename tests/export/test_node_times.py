@@ -27,6 +27,8 @@ def test_masks_are_told_from_the_network_s_convolutions(
         kinds[kind] += 1
         if "Conv" in op:
             assert (kind == "convolution") == (roles.search(node) is None), node
+        if op == "HardSigmoid":
+            assert kind == "masks and differences", node
     assert all(kinds.values())
     shares = [float(share) for share in re.findall(r"(\S+)%$", text, re.MULTILINE)]
     assert len(shares) == len(SCRIPT["KINDS"])

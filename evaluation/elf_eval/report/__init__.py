@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .page import write_report
+from .page import write_index, write_report
 from .pictures import write_pictures
 
-__all__ = ["write_pictures", "write_report"]
+__all__ = ["write_index", "write_pictures", "write_report"]

@@ -116,3 +116,11 @@ def _html(
     head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{_STYLE}</style>'
     body = "\n".join(filter(None, parts))
     return f'<!doctype html><html lang="en"><head>{head}</head><body>\n{body}\n</body></html>\n'
+
+
+def write_index(out: Path) -> None:
+    """`out`/README.md: links to all pages in `out` and in its folders, by their titles."""
+    pages = sorted([*out.glob("*/README.md"), *(page for page in out.glob("*.md") if page.name != "README.md")])
+    titles = [page.read_text(encoding="utf-8").split("\n", 1)[0].removeprefix("# ") for page in pages]
+    links = [f"- [{title}]({page.relative_to(out).as_posix()})\n" for title, page in zip(titles, pages, strict=True)]
+    (out / "README.md").write_text("# Evaluation\n\n" + "".join(links), encoding="utf-8")
