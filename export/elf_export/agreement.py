@@ -103,10 +103,10 @@ def table(precision: str, a: Agreement) -> str:
         name: str, correlation: str, agreeing: str, keypoints: float, rep: float, ms: float | None, time: str
     ) -> str:
         score = "-" if ms is None else f"{ms:.1f}"
-        return f"{name:<8}{correlation:>12}{agreeing:>13}{keypoints:>11.0f}{rep:>7.1f}{score:>7}{time:>7}"
+        return f"{name:<8}{correlation:>12}{agreeing:>13}{keypoints:>11.0f}{rep:>7.1f}{score:>9}{time:>7}"
 
     lines = [
-        f"{'':8}{'correlation':>12}{'kpts < 1 px':>13}{'keypoints':>11}{'rep':>7}{'ms':>7}{'time':>7}"
+        f"{'':8}{'correlation':>12}{'kpts < 1 px':>13}{'keypoints':>11}{'rep %':>7}{'match %':>9}{'time':>7}"
         "   (images, views of them; time on this CPU)",
         row("fp32", "1", "100%", a.keypoints_fp32, a.rep_fp32, a.ms_fp32, "1"),
         row(precision, f"{a.correlation:.4f}", f"{a.agreeing:.1%}", a.keypoints, a.rep, a.ms, f"{a.time:.2f}"),
