@@ -57,10 +57,10 @@ def _measured(graph: Graph, names: Sequence[str]) -> dict[str, list[int]]:
     return {name: [int(size) for size in dims] for name, dims in zip(names, found, strict=True)}
 
 
-def fix_sizes(model: onnx.ModelProto, image: str, layout: str) -> tuple[int, int]:
-    """Give the free axes of the input `image` the sizes 1 and PROBE; returns its height and width."""
+def fix_sizes(model: onnx.ModelProto, image: str, layout: str, size: int = PROBE) -> tuple[int, int]:
+    """Give the free axes of the input `image` the sizes 1 and `size`; returns its height and width."""
     (value,) = (value for value in model.graph.input if value.name == image)
-    wanted = {"N": 1, "H": PROBE, "W": PROBE}
+    wanted = {"N": 1, "H": size, "W": size}
     sizes: dict[str, int] = {}
     for axis, dim in zip(layout, value.type.tensor_type.shape.dim, strict=True):
         if axis in wanted and dim.dim_value <= 0:

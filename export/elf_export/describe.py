@@ -15,7 +15,7 @@ from .forward import NETWORK_INPUT
 from .graph import Graph
 from .passes import cut, fold_batchnorm, fold_constants, share
 from .preprocessing import Preprocessing, prepend
-from .saliency import IMAGE, descriptor_output
+from .saliency import IMAGE, check, descriptor_output
 
 
 def by_network(network: str, descriptors: Sequence[str]) -> dict[str, list[str]]:
@@ -79,5 +79,5 @@ def attach(
     joined.graph.output.extend(outputs)
     joined = share(joined)
     del joined.graph.value_info[:]
-    onnx.checker.check_model(joined, full_check=True)
+    check(joined)
     return joined

@@ -92,7 +92,7 @@ def check(
     Agreement
         Over two images of two sizes, one odd where the model takes it.
     """
-    differentiate = _in_float32(gradient, GRADIENT, image.name)
+    differentiate = _in_float32(gradient, GRADIENT, gradient.graph.input[0].name)
     whole, _ = open_session(saliency.SerializeToString())
     evaluate, exactly, arithmetic = _arithmetic(forward, gradient, layer, image, sizes)
     directions: list[Direction] = []
@@ -129,7 +129,8 @@ def _arithmetic(
 ) -> tuple[Forward, Forward, Arithmetic]:
     """The forward pass and the gradient, in the best arithmetic that can be had for this model."""
     in_float32 = _in_float32(forward, layer, image.name)
-    lower = in_float32, _in_float32(gradient, GRADIENT, image.name), FLOAT32
+    its_image = gradient.graph.input[0].name
+    lower = in_float32, _in_float32(gradient, GRADIENT, its_image), FLOAT32
     height, width = sizes.near(*FLOAT64.sizes[0])
     static = Graph(with_sizes(forward, image, Sizes(height, width, 1)))
     if sum(node_macs(static, node) for node in static.nodes) > AFFORDABLE:
@@ -138,7 +139,7 @@ def _arithmetic(
     x = np.random.default_rng(0).standard_normal(shape).astype(np.float32).astype(np.float64)
     try:
         in_float64 = float64_forward(forward, image.name, layer)
-        exactly = float64_forward(gradient, image.name, GRADIENT)
+        exactly = float64_forward(gradient, its_image, GRADIENT)
         exactly(x)
         found, wanted = in_float64(x), in_float32(x)
     except Exception:  # the evaluator raises whatever its numpy code does, on ops that it takes otherwise

@@ -22,7 +22,16 @@ from .detection import arguments as detection_arguments
 from .errors import ExportError
 from .forward import DEFAULT_OPSET, NETWORK_INPUT, torch_to_onnx
 from .networks import get_network
-from .output import ExportResult, check_opset, check_output, cost_of, descriptor_specs, versions, write
+from .output import (
+    ExportResult,
+    check_opset,
+    check_output,
+    cost_of,
+    descriptor_specs,
+    first_that_runs,
+    versions,
+    write,
+)
 from .precision import lower
 from .preprocessing import Preprocessing
 from .projection import Reduction
@@ -33,6 +42,7 @@ from .saliency import build_saliency
 from .verify_projection import MapCheck
 from .verify_projection import parity as map_parity
 from .weights.load import Weights, load_weights
+from .weights.load import arguments as weights_arguments
 
 if TYPE_CHECKING:
     import torch
@@ -107,6 +117,7 @@ def export_network(
         others[other].check_layers(its_layers)
     path = check_output(output or f"elf-{name}-{layer}.onnx", force)
     check_opset(opset)
+    images = calibration_set(calibration)
 
     settings = network.preprocessing
     if preprocessing == "own" and network.trained_with is None:
@@ -121,13 +132,14 @@ def export_network(
     loaded = load_weights(network, layers, weights, offline, log)
     module = network.build(loaded.tensors, layers)
     forward = torch_to_onnx(module, layers, settings.channels, opset)
+    smallest, provenance = least_size(module, settings.channels), [loaded]
     model = build_saliency(
         forward, layer, own, NETWORK_INPUT, settings, differentiate=network.gradient, color=color,
-        channels_last=precision == "int8",
+        channels_last=precision == "int8", min_size=smallest,
     )  # fmt: skip
     fields = receptive_fields(forward, NETWORK_INPUT)
-    smallest, provenance = least_size(module, settings.channels), [loaded]
     references = {name: (module, layers, settings)}
+    weights_words = weights_arguments("--weights", network, layers, weights, loaded)
     for other, its_layers in described.items():
         other_network = others[other]
         its_weights = load_weights(other_network, its_layers, desc_weights, offline, log)
@@ -139,6 +151,7 @@ def export_network(
         fields |= {label(other, its_layer, name): its_fields[its_layer] for its_layer in its_layers}
         smallest = max(smallest, least_size(its_module, other_network.preprocessing.channels))
         provenance.append(its_weights)
+        weights_words += weights_arguments("--desc-weights", other_network, its_layers, desc_weights, its_weights)
 
     from .reference import torch_maps, torch_saliency
 
@@ -153,6 +166,7 @@ def export_network(
         return found
 
     channels = 1 if color == "gray" else 3
+    smallest = first_that_runs(model, {size: (1, size, size, channels) for size in SIZES if size >= smallest})
     labels = [f"{other}:{its}" for other in described for its in described[other]]
     # In the order that was asked for: the first describes by default.
     labels = sorted([*own, *labels], key=[w.removeprefix(f"{name}:") for w in wanted].index)
@@ -167,7 +181,9 @@ def export_network(
     verify.require(checks)
     log(verify.table(checks))
 
-    arguments = ["elf-export", "--net", name, "--layer", layer, "--desc", ",".join(labels) or "none"]
+    arguments = ["elf-export", "--net", name, *weights_words]
+    arguments += ["--opset", str(opset)] if opset != DEFAULT_OPSET else []
+    arguments += ["--layer", layer, "--desc", ",".join(labels) or "none"]
     if preprocessing == "own":
         arguments += ["--preprocess", "own"]
     arguments += reduction_arguments(reduction)
@@ -188,7 +204,7 @@ def export_network(
         versions=versions(opset),
         command=shlex.join(arguments),
     )
-    model, contract = lower(model, contract, precision, calibration_set(calibration), log)
+    model, contract = lower(model, contract, precision, images, log)
     write(model, contract, path)
     return ExportResult(path, contract, checks)
 

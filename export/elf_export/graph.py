@@ -10,6 +10,8 @@ import numpy.typing as npt
 import onnx
 from onnx import helper, numpy_helper, shape_inference
 
+from .ceil_mode import CEIL_POOLS, floor_mode_pads
+
 Dim = int | str | None
 Array = npt.NDArray[Any]
 
@@ -23,7 +25,8 @@ class Graph:
     Parameters
     ----------
     model : onnx.ModelProto
-        Copied; the original is left alone.  Only its main graph is looked at.
+        Copied; the original is left alone.  Only its main graph is looked at.  Pools whose sizes ONNX's inference
+        gets wrong are written so that it gets them right, see `ceil_mode`.
     """
 
     def __init__(self, model: onnx.ModelProto) -> None:
@@ -42,6 +45,9 @@ class Graph:
         self._types: dict[str, onnx.TypeProto.Tensor] = {}
         self._producers = self.producers()
         self.infer_shapes()
+        for node in self.nodes:
+            if node.op_type in CEIL_POOLS:
+                self._round_down(node)
 
     # -- reading ---------------------------------------------------------------------------------------------
 
@@ -100,6 +106,25 @@ class Graph:
         value.CopyFrom(stated)
         self._types[name] = value.type.tensor_type
         return True
+
+    def _round_down(self, pool: onnx.NodeProto) -> None:
+        """Write a pool in ceil_mode in floor mode where ONNX's inference gets its size wrong."""
+        given = attributes(pool)
+        sizes = [size for size in (self.shape(pool.input[0]) or [])[2:] if isinstance(size, int)]
+        pads = floor_mode_pads(given, sizes) if len(sizes) == len(given["kernel_shape"]) else None
+        if pads is None:
+            return
+        kept = {key: value for key, value in given.items() if key not in ("auto_pad", "ceil_mode")}
+        del pool.attribute[:]
+        pool.attribute.extend(helper.make_attribute(key, value) for key, value in (kept | {"pads": pads}).items())
+        del self.model.graph.value_info[:]
+        for output in self.model.graph.output:
+            output.type.tensor_type.ClearField("shape")
+        self._types.clear()
+        self.infer_shapes()
+        for output in self.model.graph.output:
+            if output.name in self._types:
+                output.type.tensor_type.CopyFrom(self._types[output.name])
 
     def shape_source(self, node: onnx.NodeProto) -> str | None:
         """A value whose shape the node's output has, where ONNX's inference would not tell."""

@@ -153,11 +153,14 @@ def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
 
     if args.net is not None and args.onnx is not None:
         fail("--net and --onnx exclude each other: a network of ours, or a model of yours")
-    for names, needed, other in ((ONLY_WITH_NET, "net", "onnx"), (ONLY_WITH_ONNX, "onnx", "net")):
-        for name in names:
-            if given(name) and getattr(args, needed) is None:
-                why = f", which brings its own with --{other}" if getattr(args, other) is not None else ""
-                fail(f"--{name.replace('_', '-')} goes with --{needed} only{why}")
+    for name in ONLY_WITH_NET:
+        if given(name) and args.net is None:
+            fail(f"--{name.replace('_', '-')} goes with --net only: it is about a network that comes with the exporter")
+    for name in ONLY_WITH_ONNX:
+        if given(name) and args.onnx is None:
+            working = f"; the working scale is --set scale={args.scale:g}" if name == "scale" else ""
+            fail(f"--{name} goes with --onnx only: it describes the image input of such a model, and a network of "
+                 f"--net brings its own description{working}")  # fmt: skip
     for name in ("mean", "std", "scale"):
         if args.standardize and given(name):
             fail(f"--standardize and --{name} exclude each other")

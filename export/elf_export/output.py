@@ -8,11 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 import onnx
+import onnxruntime as ort
 
 import elf_runtime
 from elf_runtime import DescriptorSpec, ModelContract
 from elf_runtime.contract import ReductionSpec
+from elf_runtime.session import open_session
 
 from . import verify
 from .cost import macs_per_pixel, parameters
@@ -49,6 +52,29 @@ def check_output(output: str | os.PathLike[str], force: bool) -> Path:
     return path
 
 
+def first_that_runs(model: onnx.ModelProto, images: Mapping[int, Sequence[int]]) -> int:
+    """The first key of `images` on whose size (N, H, W, C) the finished graph runs, and gives no empty map.
+
+    Raises
+    ------
+    ExportError
+        If there is none.
+    """
+    session, _ = open_session(model.SerializeToString())
+    quiet, reason = ort.RunOptions(), "its maps are empty"
+    quiet.log_severity_level = 4
+    (source,) = session.get_inputs()
+    for size, shape in images.items():
+        try:
+            maps = session.run(None, {source.name: np.zeros(shape, np.float32)}, quiet)
+        except Exception as error:  # onnxruntime's own exceptions share no base of theirs
+            reason = str(error).strip().splitlines()[0][:300]
+            continue
+        if all(value.size for value in maps):
+            return size
+    raise ExportError(f"onnxruntime {ort.__version__} runs the saliency graph at no size that was tried: {reason}")
+
+
 def descriptor_specs(
     model: onnx.ModelProto,
     layers: Sequence[str],
@@ -82,13 +108,11 @@ def cost_of(model: onnx.ModelProto, descriptors: Sequence[str]) -> dict[str, flo
 
 def versions(opset: int) -> dict[str, str]:
     """What made a file: for the contract."""
-    import onnxruntime
-
     found = {
         "elf-onnx": elf_runtime.__version__,
         "opset": str(opset),
         "onnx": onnx.__version__,
-        "onnxruntime": onnxruntime.__version__,
+        "onnxruntime": ort.__version__,
         "python": platform.python_version(),
     }
     try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -11,13 +11,23 @@ from onnx import helper
 
 from .adjoint import adjoint_parts, joining
 from .adjoint.gradient import Part
-from .errors import LayerError
+from .cost import fix_sizes
+from .errors import ExportError, LayerError
 from .graph import Graph
 from .layout import axes_of, image_layout
-from .passes import compose_convs, cut, expand_response, fold_batchnorm, fold_constants, share_row_maxima
+from .passes import (
+    compose_convs,
+    cut,
+    expand_response,
+    fold_batchnorm,
+    fold_constants,
+    rename_values,
+    share_row_maxima,
+)
 from .preprocessing import Preprocessing, prepend
 
 IMAGE, SALIENCY, GRADIENT = "image", "saliency", "gradient"
+LEAST = 32  # pixels of height and width from which on a graph runs where nothing else is asked for
 
 Seed = npt.NDArray[np.floating] | str | None
 """None: F itself.  An array: a constant, broadcast to F.  A name: a new float32 input of the graph."""
@@ -33,6 +43,7 @@ def build_saliency(
     differentiate: bool = True,
     color: str | None = None,
     channels_last: bool = False,
+    min_size: int = LEAST,
 ) -> onnx.ModelProto:
     """A model whose outputs are S(I) = |seed^T dF/dI|, averaged over I's channels, and descriptor maps.
 
@@ -48,7 +59,7 @@ def build_saliency(
     descriptors : names of values (N, D, h, w) or (N, h, w, D)
         Each becomes an output ``descriptors_NAME`` of shape (N, h, w, D).
     image_input : str, optional
-        Name of the image input; the only input of rank 4 by default.
+        Name of the image input; the only input of rank 4 by default.  It keeps that name, unless an output has it.
     preprocessing : Preprocessing, optional
         Put in front, the input then being ``image``, raw pixels (N, H, W, C); None leaves the model's own input.
     seed : array or str, optional
@@ -60,11 +71,15 @@ def build_saliency(
         Colour order of the raw pixels, if it is not that of `preprocessing`.
     channels_last : bool
         Build max-pooling's adjoint in the form that suits 8-bit convolutions; the values are the same.
+    min_size : int
+        Smallest height and width, in pixels, that the result must run on; what is faster on large images only
+        is left out where it would not.
 
     Returns
     -------
     onnx.ModelProto
-        Outputs ``saliency`` (N, H, W) and ``descriptors_NAME``; inputs of any N, H, W that `model` takes.
+        Outputs ``saliency`` (N, H, W) and ``descriptors_NAME``; inputs of any N, H, W, from `min_size` on, that
+        `model` takes.
 
     Raises
     ------
@@ -72,15 +87,22 @@ def build_saliency(
         If a layer is not in the model, or does not depend on the image, or a descriptor is no map.
     UnsupportedGraphError
         If a node on the way has no adjoint; all of them are listed.
+    ExportError
+        If onnx's checker refuses the result.
     """
-    graph, image, gradient = _differentiated(
-        model, layer, descriptors, image_input, seed, differentiate, channels_last
+    ours = {SALIENCY, *map(descriptor_output, descriptors)} | ({IMAGE} if preprocessing is not None else set())
+    graph, names, image, gradient = _differentiated(
+        model, layer, descriptors, image_input, seed, differentiate, ours, channels_last
     )
     layout = image_layout(graph, image)
     joining.mean_magnitude(graph, gradient, layout.index("C"), SALIENCY)
     outputs = [helper.make_tensor_value_info(SALIENCY, graph.elem_type(image), ["N", "H", "W"])]
-    outputs += _descriptor_outputs(graph, descriptors, axes_of(graph, image, layout))
-    composed = compose_convs(_with_outputs(graph, outputs), keep=[value.name for value in outputs])
+    outputs += _descriptor_outputs(graph, descriptors, names, axes_of(graph, image, layout))
+    whole, smallest = _with_outputs(graph, outputs), onnx.ModelProto()
+    smallest.CopyFrom(whole)
+    if graph.rank(image) == len(layout):
+        fix_sizes(smallest, image, layout, min_size)
+    composed = compose_convs(whole, [value.name for value in outputs], smallest)
     graph = Graph(share_row_maxima(expand_response(composed)))
     if preprocessing is not None:
         prepend(graph, image, preprocessing, IMAGE, color, layout)
@@ -92,9 +114,11 @@ def build_gradient(
 ) -> onnx.ModelProto:
     """A model whose outputs are F, under its own name, and ``gradient``, seed^T dF/dI with its sign.
 
-    The gradient has the image's shape and layout.  Parameters and errors are those of `build_saliency`.
+    The gradient has the image's shape and layout.  Parameters and errors are those of `build_saliency`.  A value of
+    the model's that is called ``gradient``, be it F or the image, gets a number behind its name.
     """
-    graph, image, gradient = _differentiated(model, layer, (), image_input, seed, True)
+    graph, names, image, gradient = _differentiated(model, layer, (), image_input, seed, True, {GRADIENT})
+    layer = names.get(layer, layer)
     whole = joining.whole(graph, gradient)
     graph.op("Identity", whole, name="gradient/output", outputs=[GRADIENT])
     outputs = [
@@ -111,29 +135,45 @@ def _differentiated(
     image_input: str | None,
     seed: Seed,
     differentiate: bool,
+    ours: Collection[str],
     channels_last: bool = False,
-) -> tuple[Graph, str, Part]:
-    """The trunk of `model` with the adjoint appended, the image's name and the gradient."""
+) -> tuple[Graph, Mapping[str, str], str, Part]:
+    """The trunk of `model` with the adjoint appended, the names that it got, the image's and the gradient's.
+
+    `ours` are the names that no value of the model may have; those that do are called otherwise, old name -> new one.
+    """
     wanted = list(dict.fromkeys([layer, *descriptors]))
     try:
         trunk = cut(model, wanted)
     except KeyError as error:
         raise LayerError(f"the model has no value {error.args[0]!r}") from None
+    names = _other_names(trunk, ours)
+    if names:
+        trunk = rename_values(trunk, names)
+    layer, wanted = names.get(layer, layer), [names.get(name, name) for name in wanted]
     trunk = fold_batchnorm(fold_constants(trunk), keep=wanted)
     graph = Graph(trunk)
-    image = image_input or only_image_input(graph)
+    image = names.get(image_input, image_input) if image_input else only_image_input(graph)
     if not differentiate:
-        return graph, image, layer
-    return graph, image, adjoint_parts(graph, layer, image, _seed_value(graph, layer, seed), channels_last)
+        return graph, names, image, layer
+    parts = adjoint_parts(graph, layer, image, _seed_value(graph, layer, seed, ours), channels_last)
+    return graph, names, image, parts
 
 
-def _seed_value(graph: Graph, layer: str, seed: Seed) -> str | None:
+def _other_names(model: onnx.ModelProto, ours: Collection[str]) -> dict[str, str]:
+    """Those of the model's values that have one of our names -> free names for them."""
+    graph = Graph(model)
+    values = {value.name for value in (*model.graph.input, *model.graph.initializer)} | set(graph.producers())
+    return {name: graph.unique(name) for name in sorted(values.intersection(ours))}
+
+
+def _seed_value(graph: Graph, layer: str, seed: Seed, ours: Collection[str]) -> str | None:
     if seed is None:
         return None
     if isinstance(seed, str):
-        taken = {value.name for value in graph.model.graph.input} | set(graph.producers())
+        taken = {value.name for value in graph.model.graph.input} | set(graph.producers()) | set(ours)
         if seed in taken:
-            raise LayerError(f"the seed's input can't be called {seed!r}: the model has a value of that name")
+            raise LayerError(f"the seed's input can't be called {seed!r}: another value has that name")
         shape = graph.shape(layer)
         graph.model.graph.input.append(helper.make_tensor_value_info(seed, graph.elem_type(layer), shape))
         return seed
@@ -142,13 +182,17 @@ def _seed_value(graph: Graph, layer: str, seed: Seed) -> str | None:
 
 
 def _descriptor_outputs(
-    graph: Graph, descriptors: Sequence[str], axes: Mapping[str, str]
+    graph: Graph, descriptors: Sequence[str], names: Mapping[str, str], axes: Mapping[str, str]
 ) -> list[onnx.ValueInfoProto]:
-    """Append what turns each descriptor layer into (N, h, w, D), and describe the outputs."""
+    """Append what turns each descriptor layer into (N, h, w, D), and describe the outputs.
+
+    `names` are the layers' names in the graph where they have others there.
+    """
     outputs: list[onnx.ValueInfoProto] = []
     for name in descriptors:
-        if name not in axes:
-            shape = graph.shape(name)
+        source = names.get(name, name)
+        if source not in axes:
+            shape = graph.shape(source)
             raise LayerError(
                 f"{name!r} can't describe keypoints: it is no map (N, D, h, w) of the image, but {shape}"
             )
@@ -157,11 +201,11 @@ def _descriptor_outputs(
             raise LayerError(
                 f"two descriptor layers would both be the output {out!r}; export them one by one"
             )
-        perm = [axes[name].index(a) for a in "NHWC"]
-        dim = (graph.shape(name) or [None] * 4)[perm[3]]
-        graph.op("Transpose", name, name=f"descriptors/{name}", outputs=[out], perm=perm)
+        perm = [axes[source].index(a) for a in "NHWC"]
+        dim = (graph.shape(source) or [None] * 4)[perm[3]]
+        graph.op("Transpose", source, name=f"descriptors/{name}", outputs=[out], perm=perm)
         dims = ["N", f"h_{name}", f"w_{name}", dim]
-        outputs.append(helper.make_tensor_value_info(out, graph.elem_type(name), dims))
+        outputs.append(helper.make_tensor_value_info(out, graph.elem_type(source), dims))
     return outputs
 
 
@@ -174,8 +218,19 @@ def _with_outputs(graph: Graph, outputs: Sequence[onnx.ValueInfoProto]) -> onnx.
 def _finished(graph: Graph, outputs: Sequence[onnx.ValueInfoProto]) -> onnx.ModelProto:
     _with_outputs(graph, outputs)
     del graph.model.graph.value_info[:]
-    onnx.checker.check_model(graph.model, full_check=True)
+    check(graph.model)
     return graph.model
+
+
+def check(model: onnx.ModelProto) -> None:
+    """Raise ExportError if onnx's checker refuses the model."""
+    try:
+        onnx.checker.check_model(model, full_check=True)
+    except (onnx.checker.ValidationError, onnx.shape_inference.InferenceError) as error:
+        raise ExportError(
+            f"onnx {onnx.__version__} refuses the graph that was built from this model: {str(error).strip()}.  That is "
+            "the exporter's fault; please report it, with the model"
+        ) from error
 
 
 def descriptor_output(layer: str) -> str:

@@ -67,6 +67,27 @@ CASES = [
         constants={"hi": 0.5},
         order=["x", "", "hi"],
     ),
+    Case(
+        "clip_infinite_high",
+        "Clip",
+        SHAPE,
+        lambda x, lo, _hi: x.clamp(lo),
+        constants={"lo": 0.0, "hi": float("inf")},
+    ),
+    Case(
+        "clip_infinite_low",
+        "Clip",
+        SHAPE,
+        lambda x, _lo, hi: x.clamp(max=hi),
+        constants={"lo": float("-inf"), "hi": 0.5},
+    ),
+    Case(
+        "clip_infinite",
+        "Clip",
+        SHAPE,
+        lambda x, _lo, _hi: x * 1,
+        constants={"lo": float("-inf"), "hi": float("inf")},
+    ),
     Case("clip_nothing", "Clip", SHAPE, lambda x: x * 1),
     Case("hard_sigmoid", "HardSigmoid", SHAPE, lambda x: (0.2 * x + 0.5).clamp(0, 1), draw=wide),
     Case(

@@ -13,7 +13,7 @@ from onnx.reference import ReferenceEvaluator
 
 from elf_export.adjoint import build_adjoint
 from elf_export.graph import Graph
-from elf_export.saliency import SALIENCY, build_saliency
+from elf_export.saliency import GRADIENT, SALIENCY, build_gradient, build_saliency
 from helpers import textured
 
 CHANNELS = 5
@@ -187,3 +187,43 @@ def vgg_like() -> Graph:
     graph = Graph(chain(CHAINS["VGG's first blocks"], kernels))
     build_adjoint(graph, graph.model.graph.output[0].name, "x")
     return graph
+
+
+def unknown_channels(inside: bool) -> onnx.ModelProto:
+    """conv - relu - pool of an image of "C" channels; or conv - relu - conv - relu - pool with a Reshape behind the
+    first conv, to a shape that the run computes: its channels are unknown."""
+    rng = np.random.default_rng(0)
+    tensors = {"w1": rng.standard_normal((CHANNELS, 3, 3, 3)), "w2": rng.standard_normal((CHANNELS, CHANNELS, 3, 3))}
+    tensors |= {name: np.array([v]) for name, v in (("two", 2), ("four", 4), ("zero", 0), ("rest", -1))}
+    nodes = [helper.make_node("Conv", ["x", "w1"], ["a"], name="a", pads=[1] * 4)]
+    if inside:
+        nodes += [
+            helper.make_node("Shape", ["a"], ["shape"], name="shape"),
+            helper.make_node("Slice", ["shape", "two", "four", "zero"], ["size"], name="size"),
+            helper.make_node("Concat", ["zero", "rest", "size"], ["target"], name="target", axis=0),
+            helper.make_node("Reshape", ["a", "target"], ["b"], name="b"),
+            helper.make_node("Relu", ["b"], ["c"], name="c"),
+            helper.make_node("Conv", ["c", "w2"], ["d"], name="d", pads=[1] * 4),
+        ]
+    nodes += [
+        helper.make_node("Relu", [nodes[-1].output[0]], ["r"], name="r"),
+        helper.make_node("MaxPool", ["r"], ["y"], name="y", kernel_shape=[2, 2], strides=[2, 2]),
+    ]
+    image = helper.make_tensor_value_info("x", TensorProto.DOUBLE, ["N", 3 if inside else "C", "H", "W"])
+    output = helper.make_tensor_value_info("y", TensorProto.DOUBLE, None)
+    arrays = [numpy_helper.from_array(value, name) for name, value in tensors.items()]
+    graph = helper.make_graph(nodes, "g", [image], [output], arrays)
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_unknown_channels_end_the_phases(inside: bool) -> None:
+    model, x = unknown_channels(inside), np.random.default_rng(1).standard_normal((2, 3, 9, 12))
+    kernels = {f"conv{i}": numpy_helper.to_array(model.graph.initializer[i - 1]) for i in (1, 2)}
+    layers = ["conv1", "relu", *(["conv2", "relu"] if inside else []), "pool"]
+    wanted = by_torch(layers, kernels, x)
+    graph = Graph(build_saliency(model, "y", image_input="x"))
+    assert any(node.name.endswith("/dx_00") for node in graph.nodes)
+    np.testing.assert_allclose(evaluated(graph, SALIENCY, x), np.abs(wanted).mean(axis=1), rtol=0, atol=1e-10)
+    graph = Graph(build_gradient(model, "y", "x"))
+    np.testing.assert_allclose(evaluated(graph, GRADIENT, x), wanted, rtol=0, atol=1e-10)

@@ -110,6 +110,8 @@ BOTH = [
     ),
     ("ceil", PLANE, {"kernel_shape": [2, 2], "strides": [2, 2], "ceil_mode": 1}, {}),
     ("ceil_overlap", (2, 3, 8, 10), {"kernel_shape": [3, 3], "strides": [2, 2], "ceil_mode": 1}, {}),
+    ("ceil_pads", (2, 3, 33, 8), {"kernel_shape": [2, 2], "strides": [2, 2], "pads": [1] * 4, "ceil_mode": 1}, SMALL),
+    ("ceil_gap", (2, 3, 5, 7), {"kernel_shape": [1, 2], "strides": [3, 4], "ceil_mode": 1}, SMALL),
     ("ceil_exact", (2, 3, 7, 9), {"kernel_shape": [3, 3], "strides": [2, 2], "ceil_mode": 1}, SMALL),
     *(
         (

@@ -8,6 +8,7 @@ import pytest
 from onnx import helper, numpy_helper
 from onnx.reference import ReferenceEvaluator
 
+from elf_export.cost import fix_sizes
 from elf_export.passes import compose_convs
 
 
@@ -98,3 +99,40 @@ def test_a_middle_value_that_is_wanted_stays() -> None:
     middle = helper.make_tensor_value_info("m", onnx.TensorProto.DOUBLE, ["N", 16, "h", "w"])
     model.graph.output.append(middle)
     assert [node.name for node in compose_convs(model).graph.node] == ["one", "two", "abs"]
+
+
+@pytest.mark.parametrize(("least", "composed"), [(4, False), (5, True)])
+def test_the_smallest_map_must_hold_the_composed_kernel(least: int, composed: bool) -> None:
+    """The inside is a convolution without padding: ONNX Runtime runs none on a map smaller than its kernel."""
+    model, smallest = (chain((3, 3), ([1] * 4, [1] * 4), (1, 16, 1)) for _ in range(2))
+    fix_sizes(smallest, "x", "NCHW", least)
+    found = compose_convs(model, smallest=smallest)
+    assert any(node.name == "two/composed/inside" for node in found.graph.node) == composed
+    x = np.random.default_rng(4).standard_normal((1, 1, least, least))
+    (wanted,), (values,) = (ReferenceEvaluator(m).run(None, {"x": x}) for m in (model, found))
+    np.testing.assert_allclose(values, wanted, atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("channels", "sizes"), [((3, 32, 8, 16), (1, 1, 1)), ((3, 64, 16, 8), (1, 3, 1)), ((3, 64, 3, 64, 3), (3, 3, 3, 3))]
+)
+def test_several_convolutions_in_a_row(channels: tuple[int, ...], sizes: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(3)
+    shapes = [(o, i, k, k) for i, o, k in zip(channels[:-1], channels[1:], sizes, strict=True)]
+    kernels = [numpy_helper.from_array(rng.standard_normal(shape), f"w{i}") for i, shape in enumerate(shapes)]
+    nodes = [
+        helper.make_node("Conv", [f"v{i}", f"w{i}"], [f"v{i + 1}"], name=f"c{i}", pads=[k // 2] * 4)
+        for i, k in enumerate(sizes)
+    ]
+    infos = [
+        helper.make_tensor_value_info(f"v{i}", onnx.TensorProto.DOUBLE, ["N", channels[i], None, None])
+        for i in (0, len(sizes))
+    ]
+    graph = helper.make_graph(nodes, "g", infos[:1], infos[1:], kernels)
+    model = helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 17)])
+    composed = compose_convs(model)
+    onnx.checker.check_model(composed, full_check=True)
+    assert any(node.name.endswith("/composed/inside") for node in composed.graph.node)
+    x = rng.standard_normal((1, channels[0], 9, 11))
+    (wanted,), (found,) = (ReferenceEvaluator(m).run(None, {"v0": x}) for m in (model, composed))
+    np.testing.assert_allclose(found, wanted, rtol=1e-10, atol=1e-10 * np.abs(wanted).max())

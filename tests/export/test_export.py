@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import runpy
 import sys
 from pathlib import Path
@@ -15,8 +16,10 @@ from elf_export.cli import main
 from elf_export.forward import NETWORK_INPUT, torch_to_onnx
 from elf_export.networks import get_network
 from elf_export.networks.vgg import LAYERS, tensor_shapes
+from elf_export.output import first_that_runs
 from elf_export.reference import torch_saliency
 from elf_export.saliency import build_saliency
+from elf_export.weights.load import load_weights
 from elf_runtime import ElfRuntime, preset
 from elf_runtime.session import BUNDLED, bundled_model
 from helpers import ROOT, shared, textured
@@ -84,6 +87,24 @@ def test_deep_layers(tmp_path: Path, layer: str, random_weights: Path) -> None:
     result = export_network("vgg", layer, ["pool5"], tmp_path / "a.onnx", weights=random_weights)
     assert verify.passed(result.checks)
     assert result.contract.weights.source == "random.npz"
+    elf = ElfRuntime(result.path)
+    assert result.contract.input.min_size == 32
+    for size in ((32, 32), (32, 36), (39, 33)):
+        assert elf.saliency(textured(*size)).shape == size
+
+
+def test_the_smallest_size_is_one_that_the_finished_graph_runs_on() -> None:
+    """A graph for images of 64 pixels on may have a convolution that takes no smaller ones, from 40 on here."""
+    network = get_network("vgg")
+    module = network.build(seeded_weights(network.tensor_shapes(["conv4_1"])), ["conv4_1"])
+    forward = torch_to_onnx(module, ["conv4_1"], 3)
+    sizes = {size: (1, size, size, 3) for size in (32, 36, 48, 64)}
+    for least, wanted in ((32, 32), (64, 48)):
+        model = build_saliency(forward, "conv4_1", [], NETWORK_INPUT, network.preprocessing, min_size=least)
+        assert any(node.name.endswith("/composed/inside") for node in model.graph.node) == (least == 64)
+        assert first_that_runs(model, sizes) == wanted
+    with pytest.raises(ExportError, match=r"runs the saliency graph at no size that was tried: .*Invalid input shape"):
+        first_that_runs(model, {size: sizes[size] for size in (32, 36)})
 
 
 @pytest.mark.parametrize("layer", ["relu4_3", "pool4", "conv5_2"])
@@ -190,6 +211,18 @@ def test_list(capsys: pytest.CaptureFixture[str]) -> None:
     assert pool4[1:7] == ["MaxPool", "512", "32x32", "16", "100", "px"]
 
 
+def test_the_reader_of_a_list_may_have_seen_enough(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """As `elf-export --list | head -1`: quiet, with a status of its own."""
+
+    class Closed(io.TextIOWrapper):
+        def write(self, text: str) -> int:
+            raise BrokenPipeError(32, "Broken pipe")
+
+    with open(tmp_path / "out", "wb") as file:
+        monkeypatch.setattr(sys, "stdout", Closed(file))
+        assert main(["--list"]) == 1
+
+
 def test_usage_errors(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         main([])
@@ -197,6 +230,50 @@ def test_usage_errors(capsys: pytest.CaptureFixture[str]) -> None:
     assert "--net or --onnx is required" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["--net", "vgg", "--frobnicate"])
+
+
+def test_the_working_scale_is_no_pixel_scale(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--net", "vgg", "--scale", "0.5"])
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        "elf-export: error: --scale goes with --onnx only: it describes the image input of such a model, and a "
+        "network of --net brings its own description; the working scale is --set scale=0.5"
+    )
+    with pytest.raises(SystemExit):
+        main(["--onnx", "a.onnx", "--weights", "w.npz"])
+    assert "it is about a network that comes with the exporter" in capsys.readouterr().err
+
+
+def test_a_calibration_folder_is_looked_for_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def later(*_: object) -> None:
+        raise AssertionError("weights were loaded before")
+
+    monkeypatch.setattr("elf_export.export.load_weights", later)
+    arguments = ["--net", "vgg", "--precision", "int8", "--calibration", str(tmp_path / "none"), "--offline"]
+    assert main([*arguments, "-o", str(tmp_path / "a.onnx")]) == 1
+    assert "not a folder of calibration images" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("small_probes")
+def test_the_command_names_the_weights_and_the_opset(tmp_path: Path, random_weights: Path) -> None:
+    """What the bundled model holds is found without, and is not named."""
+    others = {"weights": random_weights, "desc_weights": random_weights}
+    published = tmp_path / "published.npz"
+    np.savez(published, **load_weights(get_network("vgg"), ["pool1"], offline=True).tensors)
+    for options, words in (
+        (others | {"opset": 13}, "--weights random.npz --opset 13 --layer"),
+        ({"weights": published}, "vgg --layer"),
+        ({"opset": 17, "offline": True}, "vgg --layer"),
+    ):
+        result = export_network("vgg", "pool1", [], tmp_path / "a.onnx", force=True, **options)
+        assert words in result.contract.command
+        assert "--desc-weights" not in result.contract.command
+    result = export_network(
+        "sobel", None, ["vgg:pool1"], tmp_path / "a.onnx", force=True, desc_weights=random_weights
+    )
+    assert "--desc-weights random.npz --layer" in result.contract.command
 
 
 def test_the_verification_images_have_ties_and_keypoints() -> None:

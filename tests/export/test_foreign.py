@@ -18,6 +18,7 @@ from elf_export import (
     UnsupportedGraphError,
     VerificationError,
     build_gradient,
+    build_saliency,
     export_onnx,
     load_model,
 )
@@ -25,6 +26,7 @@ from elf_export.cli import main
 from elf_export.foreign.export import prepare
 from elf_export.foreign.image_input import find_image_input
 from elf_export.foreign.layers import resolve_layer
+from elf_export.passes import rename_values
 from elf_runtime import ElfRuntime
 from export import small_models as small
 from helpers import ROOT, textured
@@ -184,6 +186,84 @@ def test_which_input_is_the_image() -> None:
         prepare(two_images(), ["masked"], "x")
     with pytest.raises(LayerError, match="'relu2' does not depend on the image 'mask'"):
         prepare(two_images(), ["relu2"], "mask")
+
+
+OURS = {"image": "x", "saliency": "relu1", "gradient": "pool1", "descriptors_relu2": "conv2"}
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_a_model_may_use_our_names(tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """As its image input, its layer or any other value; the layers keep their names for the user."""
+    path = saved(rename_values(small.nchw(), {OURS[name]: name}), tmp_path)
+    layer = "pool1" if name == "image" else name
+    assert main(["--onnx", str(path), "--list"]) == 0
+    assert layer in capsys.readouterr().out
+    exports = (layer, ["relu2", layer]), ("relu2", [layer])
+    for detector, descriptors in exports:
+        found = export_onnx(path, detector, descriptors, tmp_path / "elf.onnx", force=True)
+        assert found.contract.layer == detector
+        assert [d.layer for d in found.contract.descriptors] == descriptors
+        elf = ElfRuntime(found.path)
+        plain = export_onnx(
+            saved(small.nchw(), tmp_path), OURS[name] if detector == name else detector, [], tmp_path / "plain.onnx",
+            force=True,
+        )  # fmt: skip
+        saved(rename_values(small.nchw(), {OURS[name]: name}), tmp_path)
+        image = textured(48, 64)
+        assert np.allclose(elf.saliency(image), ElfRuntime(plain.path).saliency(image), atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["image", "saliency", "gradient", "descriptors_pool1"])
+def test_the_library_s_functions_take_our_names_too(name: str) -> None:
+    """For the image, which is then called otherwise where an output has its name, and for F."""
+    import onnxruntime as ort
+
+    pixels = np.random.default_rng(0).standard_normal((1, 3, 64, 64)).astype(np.float32)
+
+    def outputs(model: onnx.ModelProto) -> list[np.ndarray]:
+        session = ort.InferenceSession(model.SerializeToString())
+        return list(session.run(None, {session.get_inputs()[0].name: pixels}))
+
+    for renamed in ("x", "relu2"):
+        model, layer = rename_values(small.nchw(), {renamed: name}), name if renamed == "relu2" else "relu2"
+        for build, extra in ((build_gradient, ()), (build_saliency, (["pool1"],))):
+            found, wanted = outputs(build(model, layer, *extra)), outputs(build(small.nchw(), "relu2", *extra))
+            assert all(np.allclose(a, b, atol=1e-6) for a, b in zip(found, wanted, strict=True))
+    names = [value.name for value in build_gradient(small.nchw(), "relu2").graph.output]
+    assert names == ["relu2", "gradient"]
+    with pytest.raises(LayerError, match="seed's input can't be called 'saliency'"):
+        build_saliency(small.nchw(), "relu2", seed="saliency")
+
+
+def test_an_elf_model_is_a_model_too(tmp_path: Path) -> None:
+    first = export_onnx(saved(small.nchw(), tmp_path), "pool1", ["relu2"], tmp_path / "elf.onnx")
+    again = export_onnx(first.path, "pool1", ["relu2"], tmp_path / "again.onnx")
+    assert again.contract.layer == "pool1"
+    assert again.contract.descriptors[0].dim == 4
+
+
+def test_what_onnx_refuses_is_an_export_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise onnx.checker.ValidationError("no such thing")
+
+    monkeypatch.setattr(onnx.checker, "check_model", refuse)
+    with pytest.raises(ExportError, match=r"refuses the graph that was built from this model: no such thing\."):
+        build_saliency(small.nchw(), "relu2")
+
+
+def test_it_runs_on_the_smallest_image_of_its_contract(tmp_path: Path) -> None:
+    """A linear layer at an eighth of the image: its adjoint and itself are no 5x5 kernel on a map of 4x4."""
+    nodes = [
+        helper.make_node("Conv", ["x", "w1"], ["conv1"], name="conv1", pads=[1] * 4),
+        helper.make_node("Relu", ["conv1"], ["relu1"], name="relu1"),
+        helper.make_node("MaxPool", ["relu1"], ["pool1"], name="pool1", kernel_shape=[8, 8], strides=[8, 8]),
+        helper.make_node("Conv", ["pool1", "w2"], ["conv2"], name="conv2", pads=[1] * 4),
+    ]
+    tensors = {"w1": small.weights(4, 3, 3, 3), "w2": small.weights(64, 4, 3, 3)}
+    path = saved(small.model(nodes, tensors, ("n", 3, "h", "w"), "conv2"), tmp_path)
+    elf = ElfRuntime(export_onnx(path, "conv2", [], tmp_path / "elf.onnx").path)
+    assert elf.contract.input.min_size == 32
+    assert elf.saliency(textured(32, 36)).shape == (32, 36)
 
 
 def test_external_data(tmp_path: Path) -> None:

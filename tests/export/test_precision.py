@@ -21,6 +21,7 @@ from elf_export.options import parser, setting
 from elf_export.passes import bfloat16_weights, half_precision
 from elf_export.passes.half_precision import MANY
 from elf_runtime import DetectionParams, ElfRuntime
+from elf_runtime.session import open_session
 from export import small_models as small
 from helpers import shared, textured
 from seeded import seeded_weights
@@ -153,6 +154,27 @@ def test_float16_throughout_and_half_the_bytes(vgg) -> None:
         TensorProto.FLOAT
     }
     assert not any(node.op_type == "HardSigmoid" for node in lowered.graph.node)
+
+
+def test_tensors_in_attributes_are_float16_too() -> None:
+    """The value that a ConstantOfShape repeats; a Constant that Resize reads stays, as its scales are float32."""
+    nodes = [
+        helper.make_node("Shape", ["x"], ["shape"], name="shape"),
+        helper.make_node("ConstantOfShape", ["shape"], ["half"], name="half",
+                         value=numpy_helper.from_array(np.array([0.5], np.float32))),
+        helper.make_node("Add", ["x", "half"], ["sum"], name="sum"),
+        helper.make_node("Constant", [], ["scales"], name="scales",
+                         value=numpy_helper.from_array(np.array([1, 1, 2, 2], np.float32))),
+        helper.make_node("Resize", ["sum", "", "scales"], ["y"], name="y", mode="nearest"),
+    ]  # fmt: skip
+    infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["N", 3, None, None]) for name in "xy"]
+    graph = helper.make_graph(nodes, "g", infos[:1], infos[1:])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    lowered = half_precision(model)
+    onnx.checker.check_model(lowered, full_check=True)
+    x = np.arange(12, dtype=np.float32).reshape(1, 3, 2, 2)
+    (found,) = open_session(lowered.SerializeToString())[0].run(None, {"x": x})
+    np.testing.assert_array_equal(found, (x + 0.5).repeat(2, 2).repeat(2, 3))
 
 
 def test_steps_are_exact_in_float16() -> None:

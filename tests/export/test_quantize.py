@@ -116,6 +116,7 @@ NETWORKS: dict[str, Layers] = {
     "average": ["conv3", "relu", "average", "conv3", "relu"],
     "strided inside": ["conv3", "relu", "stride", "relu", "conv3", "relu"],
     "depthwise": ["conv3", "clip", "each stride", "clip", "conv3"],
+    "depthwise first": ["each", "conv3", "relu", "conv3", "relu"],
     "padded pool": ["stride", "relu", "pool3 padded", "conv3", "relu"],
     "reaching pool": ["conv3", "relu", "pool3 ceil", "conv3", "relu"],
 }
@@ -128,10 +129,11 @@ def forward(layers: Layers, seed: int = 0) -> onnx.ModelProto:
     nodes, tensors, value, width = [], [], "x", 3
     for index, kind in enumerate(layers):
         out = f"v{index}"
-        if kind in ("conv3", "stride", "shortcut", "each stride"):
-            per_group = 1 if kind == "each stride" else width
-            kernel = rng.standard_normal((WIDTH, per_group, 3, 3)) * np.sqrt(2 / (9 * per_group))
-            bias = 0.2 * rng.standard_normal(WIDTH)
+        if kind in ("conv3", "stride", "shortcut", "each", "each stride"):
+            per_group = 1 if kind.startswith("each") else width
+            results = width if kind == "each" else WIDTH
+            kernel = rng.standard_normal((results, per_group, 3, 3)) * np.sqrt(2 / (9 * per_group))
+            bias = 0.2 * rng.standard_normal(results)
             tensors += [numpy_helper.from_array(kernel.astype(np.float32), f"{out}_w"),
                         numpy_helper.from_array(bias.astype(np.float32), f"{out}_b")]  # fmt: skip
             strides = [2, 2] if kind.endswith("stride") else [1, 1]
@@ -140,7 +142,7 @@ def forward(layers: Layers, seed: int = 0) -> onnx.ModelProto:
                                           pads=[1] * 4, strides=strides, group=width // per_group))  # fmt: skip
             if kind == "shortcut":
                 nodes.append(helper.make_node("Add", [made, value], [out], name=out))
-            width = WIDTH
+            width = results
         elif kind == "relu":
             nodes.append(helper.make_node("Relu", [value], [out], name=out))
         elif kind == "clip":
@@ -295,7 +297,7 @@ def test_every_convolution_is_in_integers(network: Network) -> None:
     assert len(convolutions) >= sum(node.op_type == "Conv" for node in model.graph.node)
     for node in convolutions:
         depthwise = attributes(node).get("group", 1) > 1
-        if depthwise and node.input[0] in makers and makers[node.input[0]].op_type != "DequantizeLinear":
+        if depthwise and (node.input[0] not in makers or makers[node.input[0]].op_type != "DequantizeLinear"):
             continue  # so few multiplications are not worth rounding for
         if node.name.endswith(("/d", "/pull")):
             continue  # sums over channels
@@ -345,9 +347,13 @@ def steps_in(model: onnx.ModelProto) -> set[str]:
     return {name for name in found if name.endswith("_difference")}
 
 
-def with_rounded_weights(model: onnx.ModelProto) -> onnx.ModelProto:
-    """Every Conv's kernel in 127 levels a channel, a ConvTranspose's in as many for each channel of each phase."""
-    result, steps, graph = onnx.ModelProto(), steps_in(model), Graph(model)
+def with_rounded_weights(model: onnx.ModelProto, lowered: onnx.ModelProto) -> onnx.ModelProto:
+    """Every Conv's kernel in 127 levels a channel, a ConvTranspose's in as many for each channel of each phase.
+
+    Those that stay in floats in `lowered` are left alone.
+    """
+    result, graph, made = onnx.ModelProto(), Graph(model), Graph(lowered)
+    steps = steps_in(model) | {n.output[0] for n in made.nodes if n.op_type == "Conv" and made.is_constant(n.input[1])}
     result.CopyFrom(model)
     for node in result.graph.node:
         if node.op_type == "Conv" and node.output[0] not in steps:
@@ -386,7 +392,7 @@ def test_it_computes_what_rounding_each_value_gives(network: Network) -> None:
     found = with_values(lowered, [f"{name}/q" for name in roundings], x)
     codes = {name: found[f"{name}/q"] for name in roundings}
     values, integers = stepwise(
-        with_rounded_weights(model), x, roundings, inside_of(lowered), steps_in(model), codes
+        with_rounded_weights(model, lowered), x, roundings, inside_of(lowered), steps_in(model), codes
     )
     for name in roundings:
         off = np.abs(codes[name] - integers[name])
@@ -684,3 +690,65 @@ def test_sums_over_channels_stay_in_floats() -> None:
     assert candidates(convolution(band)) == []
     band[0, 0] = 1.0
     assert candidates(convolution(band)) == ["x", "y"]
+
+
+# -- convolutions of several groups, in floats, and of few taps ----------------------------------------------------
+
+
+def test_a_grouped_convolution_s_magnitude() -> None:
+    """The two steps of a magnitude are side by side along the channels, which groups would tell apart wrongly."""
+    rng = np.random.default_rng(0)
+    kernel = numpy_helper.from_array((rng.standard_normal((8, 4, 3, 3)) / 6).astype(np.float32), "w")
+    first = numpy_helper.from_array((rng.standard_normal((8, 8, 3, 3)) / 8).astype(np.float32), "first")
+    nodes = [
+        helper.make_node("Conv", ["x", "first"], ["a"], name="a", pads=[1] * 4),
+        helper.make_node("Conv", ["a", "w"], ["y"], name="y", group=2, pads=[1] * 4),
+        helper.make_node("Abs", ["y"], ["magnitude"], name="magnitude"),
+    ]
+    infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["N", 8, "H", "W"]) for name in ("x", "magnitude")]
+    graph = helper.make_graph(nodes, "g", infos[:1], infos[1:], [first, kernel])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    x = rng.standard_normal((1, 8, 20, 20)).astype(np.float32)
+    lowered, origins = rewrite(model, schemes_of(model, x))
+    assert set(origins.values()) == {"a", "y"}
+    (found,), (wanted,) = (session(m).run(None, {"x": x}) for m in (lowered, model))
+    for a, b in zip(found[0], wanted[0], strict=True):
+        assert np.corrcoef(a.ravel(), b.ravel())[0, 1] > 0.99
+
+
+def test_a_convolution_in_floats_between_two_in_integers() -> None:
+    """One that 8 bits are not worth for, whose input is rounded and whose result is: it is in no region."""
+    chain = [("Conv", 32, 3), ("Relu", 32, 0), ("Conv", 16, 3), ("Relu", 16, 0), ("Conv", 16, 1), ("Conv", 32, 3)]
+    model, x = network_of([*chain, ("Relu", 32, 0), ("Sin", 32, 0)]), images((24, 32), 1)
+    lowered, origins = rewrite(model, schemes_of(model, x))
+    assert "v4" not in origins.values()
+    assert any(node.name == "v4" and node.input[1] == "v4_w" for node in lowered.graph.node)
+    assert losing(lowered, origins, x) <= set(origins.values())
+
+
+@pytest.mark.parametrize("group", [1, 16])
+@pytest.mark.parametrize(("size", "stride", "pad"), [(3, 2, 2), (2, 2, 1), (3, 3, 2), (5, 4, 4), (3, 2, 1)])
+def test_phases_of_every_padding(size: int, stride: int, pad: int, group: int) -> None:
+    """A phase's taps may all lie on one side of it: no convolution has a negative padding."""
+    rng = np.random.default_rng(0)
+    shapes = {"w0": (16, 3, 3, 3), "w1": (16, 16 // group, size, size), "w2": (16, 16, 3, 3)}
+    tensors = [
+        numpy_helper.from_array((rng.standard_normal(s) * np.sqrt(2 / np.prod(s[1:]))).astype(np.float32), name)
+        for name, s in shapes.items()
+    ]
+    forms = [{"pads": [1] * 4}, {"pads": [pad] * 4, "strides": [stride] * 2, "group": group}, {"pads": [1] * 4}]
+    nodes, value = [], "x"
+    for i, form in enumerate(forms):
+        nodes.append(helper.make_node("Conv", [value, f"w{i}"], [f"c{i}"], name=f"c{i}", **form))
+        nodes.append(helper.make_node("Relu", [f"c{i}"], [f"r{i}"], name=f"r{i}"))
+        value = f"r{i}"
+    image = helper.make_tensor_value_info("x", TensorProto.FLOAT, ["N", 3, "H", "W"])
+    output = helper.make_tensor_value_info(value, TensorProto.FLOAT, None)
+    graph = helper.make_graph(nodes, "g", [image], [output], tensors)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    floats, x = build_saliency(model, value, [], "x", channels_last=True), images((26, 31))
+    lowered, origins = rewrite(floats, schemes_of(floats, x))
+    phases = [name for name, origin in origins.items() if name.startswith(f"{origin}/phase")]
+    assert len(phases) == stride**2
+    (found,), (wanted,) = (session(m).run(None, {"x": x}) for m in (lowered, floats))
+    assert np.corrcoef(found.ravel(), wanted.ravel())[0, 1] > 0.97

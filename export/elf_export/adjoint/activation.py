@@ -6,6 +6,7 @@ kink the choice is torch's for the activation of that name.
 
 from __future__ import annotations
 
+import numpy as np
 import onnx
 
 from . import depthwise
@@ -61,8 +62,8 @@ def clip(ctx: Context, _node: onnx.NodeProto, grad_y: str) -> Gradients:
 
 
 def room(ctx: Context) -> str | None:
-    """(y - low) (high - y) of a Clip, positive just where its gradient passes; None if it has no bounds."""
-    y, low, high = ctx.node.output[0], ctx.input(1), ctx.input(2)
+    """(y - low) (high - y) of a Clip, positive just where its gradient passes; None if nothing bounds y."""
+    y, low, high = ctx.node.output[0], _bound(ctx, 1, -np.inf), _bound(ctx, 2, np.inf)
     above = below = ""
     if low:
         bound = ctx.value(low)
@@ -70,6 +71,13 @@ def room(ctx: Context) -> str | None:
     if high:
         below = _below(ctx, y, high)
     return ctx.op("Mul", above, below, role="room") if above and below else above or below or None
+
+
+def _bound(ctx: Context, index: int, nothing: float) -> str:
+    """Name of a Clip's bound; empty if it is absent, or a constant of the value that bounds nothing."""
+    name = ctx.input(index)
+    value = ctx.value(name)
+    return "" if value is not None and (value == nothing).all() else name
 
 
 def _below(ctx: Context, y: str, high: str) -> str:

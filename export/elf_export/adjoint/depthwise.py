@@ -24,12 +24,12 @@ def convolve(
     kernel: npt.ArrayLike,
     strides: list[int],
     role: str,
-    ends: Sequence[int] = (0, 0),
+    pads: Sequence[int] = (0, 0, 0, 0),
     bias: float | None = None,
 ) -> str:
     """Each channel of x, which has as many as the node's input, convolved with the same small kernel.
 
-    `ends` pads x with rows below and columns on the right.
+    `pads` are the rows of zeros above x, the columns on its left, the rows below and the columns on its right.
     """
     like = ctx.node.input[0]
     channels = channels_of(ctx.graph, like)
@@ -37,15 +37,14 @@ def convolve(
     inputs = [x, ctx.const(np.broadcast_to(kernel, (channels, 1, *size)), f"{role}_kernel", like=like)]
     if bias is not None:
         inputs.append(ctx.const(np.broadcast_to(bias, channels), f"{role}_bias", like=like))
-    pads = [0, 0, *ends]
-    return ctx.op("Conv", *inputs, role=role, kernel_shape=size, strides=strides, group=channels, pads=pads)
+    return ctx.op("Conv", *inputs, role=role, kernel_shape=size, strides=strides, group=channels, pads=list(pads))
 
 
 def step(
-    ctx: Context, x: str, kernel: npt.ArrayLike, strides: list[int], role: str, ends: Sequence[int] = (0, 0)
+    ctx: Context, x: str, kernel: npt.ArrayLike, strides: list[int], role: str, pads: Sequence[int] = (0, 0, 0, 0)
 ) -> str:
     """[d > 0] with d = `convolve` of the same arguments."""
-    return portable.step(ctx, convolve(ctx, x, kernel, strides, f"{role}_difference", ends), role)
+    return portable.step(ctx, convolve(ctx, x, kernel, strides, f"{role}_difference", pads), role)
 
 
 def minus(ctx: Context, a: str, b: str, role: str) -> str:

@@ -8,7 +8,7 @@ from enum import Enum
 
 
 class Extent(Enum):
-    """How many rows the phases of a map of H rows have, and columns likewise."""
+    """How many rows the phases of a map of H rows have, and columns likewise; see `Phases`."""
 
     FLOOR = "H // 2"  # as floor-mode pooling leaves them: what it drops is zero and not held
     CEIL = "(H + 1) // 2"
@@ -22,8 +22,10 @@ class Phases:
     Attributes
     ----------
     pieces : four values, or one with the four side by side along the channels
-        v_00, v_01, v_10, v_11, each (N, C, h, w), h and w being of that extent.
+        v_00, v_01, v_10, v_11, each (N, C, h, w).
     extent : Extent
+        Of h and w.  One piece, which is only put together and cut, may be of BEYOND along one axis and of CEIL along
+        the other; it is then said to be of BEYOND.
     clean : bool
         Whether what the pieces hold beyond H and W is zero.
     zero_unless_positive : str, optional

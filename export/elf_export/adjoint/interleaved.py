@@ -16,7 +16,6 @@ import numpy as np
 from . import depthwise, joining, phases
 from .geometry import Window
 from .gradient import Phases, Rectified
-from .portable import step
 from .registry import Context
 
 
@@ -110,18 +109,11 @@ def _to_winners(ctx: Context, grad: str, v: str, axis: int, pads: tuple[int, int
 
 def _beats(ctx: Context, v: str, axis: int, pads: tuple[int, int], role: str, a: int, b: int) -> str:
     """[v_a > v_b] for each window of three."""
-    kernel = np.zeros(3)
+    kernel, (begin, end) = np.zeros(3), pads
     kernel[a], kernel[b] = 1, -1
-    vertical = axis == 2
-    size, strides = ([3, 1], [2, 1]) if vertical else ([1, 3], [1, 2])
-    channels, (begin, end) = joining.channels_of(ctx.graph, ctx.node.input[0]), pads
-    weight = np.broadcast_to(kernel.reshape(size), (channels, 1, *size))
-    difference = ctx.op(
-        "Conv", v, ctx.const(weight, f"{role}_kernel", like=ctx.node.input[0]), role=f"{role}_difference",
-        kernel_shape=size, strides=strides, group=channels,
-        pads=[begin, 0, end, 0] if vertical else [0, begin, 0, end],
-    )  # fmt: skip
-    return step(ctx, difference, role)
+    if axis == 2:
+        return depthwise.step(ctx, v, kernel[:, None], [2, 1], role, (begin, 0, end, 0))
+    return depthwise.step(ctx, v, kernel[None], [1, 2], role, (0, begin, 0, end))
 
 
 def _shifted(ctx: Context, piece: str, axis: int, by: int, role: str) -> str:

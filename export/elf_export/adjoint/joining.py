@@ -97,7 +97,7 @@ def fitted(graph: Graph, full: str, like: str, axis: int, extent: Extent, name: 
 def channels_of(graph: Graph, value: str) -> int:
     """C of a forward value (N, C, H, W) that is pooled, or on the way from there to the image."""
     channels = (graph.shape(value) or [])[1]
-    assert isinstance(channels, int), "phases.splits has seen to that"
+    assert isinstance(channels, int), "phases.splits and phases.apply have seen to that"
     return channels
 
 

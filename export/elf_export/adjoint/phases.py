@@ -127,7 +127,7 @@ def _masked(ctx: Context, grad: Phases, v: str) -> Phases | None:
         pick = np.zeros((2, 2) if grad.extent is Extent.FLOOR else (a + 1, b + 1))
         pick[a, b] = 1
         more = {Extent.FLOOR: (0, 0), Extent.CEIL: (a, b), Extent.BEYOND: (a + 1, b + 1)}[grad.extent]
-        mask = depthwise.step(ctx, v, pick, [2, 2], f"mask_{a}{b}", more)
+        mask = depthwise.step(ctx, v, pick, [2, 2], f"mask_{a}{b}", (0, 0, *more))
         pieces.append(ctx.op("Mul", piece, mask, role=f"dx_{a}{b}"))
     # Beyond v's edge the masks are zero, and with them the products.
     return Phases(tuple(pieces), ctx.node.input[0], grad.extent)
@@ -144,14 +144,13 @@ def conv(ctx: Context, grad: Phases) -> Phases | None:
     """
     node = ctx.node
     weight = ctx.value(node.input[1])
-    shape = ctx.shape(node.input[0])
     if weight is None or weight.ndim != 4 or not grad.clean or len(grad.pieces) == 1 or ctx.attrs.get("group", 1) > 1:
         return None
     window = window_of(ctx, weight.shape[2:])
     if window.begin is None or window.strides != (1, 1) or window.dilations != (1, 1):
         return None
     same_size = all(b + e == k - 1 for b, e, k in zip(window.begin, window.end, window.kernel, strict=True))
-    if not same_size or shape is None:
+    if not same_size:
         return None
     kernel = flipped(weight, 1)
     pads = [k - 1 - b for k, b in zip(window.kernel, window.begin, strict=True)]
@@ -224,17 +223,23 @@ def _taps(size: int, pad: int, source: int, outputs: Sequence[int]) -> list[tupl
 _ON_PHASES: dict[str, Callable[[Context, Phases], Phases | None]] = {"Relu": relu, "Clip": clip, "Conv": conv}
 
 
+def _channels_are_known(ctx: Context) -> bool:
+    """Whether phases of the gradient of the node's input could be masked and put together: both need its channels."""
+    shape = ctx.shape(ctx.node.input[0])
+    return shape is not None and len(shape) == 4 and isinstance(shape[1], int)
+
+
 def _is_masked(grad: Part | None, y: str) -> bool:
     """Whether the gradient is zero wherever y = max(x, 0) is: made so, or y itself, the seed."""
     return isinstance(grad, str) and (grad == y or (isinstance(grad, Rectified) and grad.unless_positive == y))
 
 
 def apply(rule: Rule, ctx: Context, grads: Sequence[Part | None]) -> list[Part | None]:
-    """A node's rule; its form for phases where the gradient arrives in phases and there is one."""
+    """A node's rule; its form for phases where the gradient arrives in phases and there is one for this node."""
     (first, *others) = grads
     if ctx.node.op_type == "Relu" and _is_masked(first, ctx.node.output[0]):
         return [str(first)]
-    if isinstance(first, Phases) and not others and ctx.node.op_type in _ON_PHASES:
+    if isinstance(first, Phases) and not others and ctx.node.op_type in _ON_PHASES and _channels_are_known(ctx):
         passed = _ON_PHASES[ctx.node.op_type](ctx, first)
         if passed is not None:
             return [passed]

@@ -12,16 +12,15 @@ import numpy as np
 from .registry import Context
 
 FAR = 2**31 - 1  # "to the end" for Slice
+STEEPNESS, OFFSET = 1e30, -1.0  # of the HardSigmoid that is a step
+STEEP = 1e20  # a HardSigmoid from that slope on is a step, and its slope no float16
 
 Ints = str | Sequence[int]
 
 
-STEEP, OFFSET = 1e30, -1.0
-
-
 def step(ctx: Context, v: str, role: str) -> str:
     """[v > 0] as numbers; a positive v is above 1e-29.  A steep HardSigmoid takes an eighth of Sign's time."""
-    return ctx.op("HardSigmoid", v, role=role, alpha=STEEP, beta=OFFSET)
+    return ctx.op("HardSigmoid", v, role=role, alpha=STEEPNESS, beta=OFFSET)
 
 
 def ints(ctx: Context, values: Ints, role: str) -> str:

@@ -7,7 +7,7 @@ import math
 import os
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,7 @@ from elf_export.output import (
     check_output,
     cost_of,
     descriptor_specs,
+    first_that_runs,
     versions,
     write,
 )
@@ -42,7 +43,7 @@ from elf_runtime import DetectionParams, InputSpec, ModelContract, WeightsSpec
 from elf_runtime.contract import ReductionSpec
 from elf_runtime.session import open_session
 
-from .free_sizes import Sizes, free_sizes
+from .free_sizes import LEAST, Sizes, free_sizes
 from .image_input import ImageInput, find_image_input
 from .layers import resolve_layer
 from .load import load_model
@@ -141,6 +142,7 @@ def export_onnx(
     if opset is not None:
         check_opset(opset)
     params = chosen(DetectionParams(), detection)
+    images = calibration_set(calibration)
     model = load_model(file)
     source = prepare(model, [layer, *descriptors], image_input, opset)
     name, *described = source.layers
@@ -152,12 +154,13 @@ def export_onnx(
             f"--color {settings.color} has {settings.channels} channel(s), the image input {source.image.name!r} "
             f"takes {source.image.channels}"
         )
+    saliency = build_saliency(
+        source.model, name, described, source.image.name, settings, channels_last=precision == "int8",
+        min_size=source.sizes.min_size,
+    )  # fmt: skip
+    source = replace(source, sizes=sizes_of(saliency, source.sizes, settings.channels))
     log(f"image {source.image.name!r}, {source.image.layout}, {source.image.channels} channel(s); sizes: "
         f"{source.sizes.describe()}")  # fmt: skip
-
-    saliency = build_saliency(
-        source.model, name, described, source.image.name, settings, channels_last=precision == "int8"
-    )
     gradient = build_gradient(source.model, name, source.image.name)
     agreement = differences.check(
         cut(source.model, [name]), gradient, saliency, name, source.image, source.sizes, settings
@@ -207,9 +210,16 @@ def export_onnx(
         versions=versions(opset_of(saliency)),
         command=shlex.join([*arguments, *settings.arguments()]),
     )
-    saliency, contract = lower(saliency, contract, precision, calibration_set(calibration), log)
+    saliency, contract = lower(saliency, contract, precision, images, log)
     write(saliency, contract, path)
     return ExportResult(path, contract)
+
+
+def sizes_of(saliency: onnx.ModelProto, sizes: Sizes, channels: int) -> Sizes:
+    """`sizes`, from the smallest on that the finished graph runs on too."""
+    tried = (replace(sizes, min_size=s) for s in LEAST if s >= sizes.min_size and s % sizes.multiple == 0)
+    images = {s.min_size: (s.batch or 1, *s.near(s.min_size, s.min_size), channels) for s in tried}
+    return replace(sizes, min_size=first_that_runs(saliency, images))
 
 
 def maps_of(model: onnx.ModelProto, layers: Sequence[str]) -> Maps:

@@ -10,6 +10,7 @@ from .fold_batchnorm import fold_batchnorm
 from .fold_constants import fold_constants
 from .half_precision import bfloat16_weights, half_precision
 from .project import project
+from .rename_values import rename_values
 from .share import share
 from .share_row_maxima import share_row_maxima
 from .single_precision import single_precision
@@ -26,6 +27,7 @@ __all__ = [
     "half_precision",
     "opset_of",
     "project",
+    "rename_values",
     "share",
     "share_row_maxima",
     "single_precision",

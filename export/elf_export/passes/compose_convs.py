@@ -9,14 +9,16 @@ import numpy as np
 import onnx
 from onnx import helper
 
-from elf_export.graph import Array, Graph, attributes
+from elf_export.graph import Array, Dim, Graph, attributes
 
 from .cut import cut
 
 FAR = np.iinfo(np.int64).max
 
 
-def compose_convs(model: onnx.ModelProto, keep: Collection[str] = ()) -> onnx.ModelProto:
+def compose_convs(
+    model: onnx.ModelProto, keep: Collection[str] = (), smallest: onnx.ModelProto | None = None
+) -> onnx.ModelProto:
     """y = V * (W * x + b) + c = (V o W) * x + (sum V b + c), with the kernel (V o W) of k_V + k_W - 1 pixels.
 
     That is the saliency of a linear first layer, W^T (W x + b): SuperPoint's conv1a goes through 64 channels
@@ -30,21 +32,36 @@ def compose_convs(model: onnx.ModelProto, keep: Collection[str] = ()) -> onnx.Mo
 
     Applied where both strides, dilations and groups are 1, the two together keep the image's size, nothing
     else reads the middle value, it is not in `keep`, and the composed kernel takes less arithmetic.
+
+    Parameters
+    ----------
+    smallest : onnx.ModelProto, optional
+        `model` with the sizes of the smallest image that it will run on.  The inside is a convolution without
+        padding, which takes no map that is smaller than its kernel: then only where the map is known to be as
+        large even there.
     """
     graph = Graph(model)
+    least = graph if smallest is None else Graph(smallest)
     outputs = {value.name for value in graph.model.graph.output}
-    readers, producers = graph.consumers(), graph.producers()
-    for second in list(graph.nodes):
+    for result in [node.output[0] for node in graph.nodes if node.op_type == "Conv"]:
+        producers = graph.producers()
+        second = producers[result]
         first = producers.get(second.input[0]) if second.op_type == "Conv" else None
         if first is None or first.op_type != "Conv":
             continue
         middle = first.output[0]
-        if middle in outputs or middle in keep or len(readers[middle]) > 1:
+        if middle in outputs or middle in keep or len(graph.consumers()[middle]) > 1:
             continue
         pair = _pair(graph, first, second)
-        if pair is not None:
+        if pair is not None and (smallest is None or _holds(least.shape(first.input[0]), pair)):
             _replace(graph, first, second, pair)
     return cut(graph.model, [value.name for value in graph.model.graph.output])
+
+
+def _holds(shape: list[Dim] | None, pair: Pair) -> bool:
+    """Whether a map of that shape, (N, C, H, W), has a place for the composed kernel."""
+    sizes = zip((shape or [None] * 4)[2:], pair.kernel.shape[2:], strict=True)
+    return all(isinstance(size, int) and size >= k for size, k in sizes)
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
+from elf_export.adjoint.portable import STEEP
 from elf_export.graph import Graph, attributes
 
 from .cut import cut
 
-STEEP = 1e20  # a HardSigmoid from that slope on is a step, and its slope no float16
 PREPROCESSING = "pre/"
 FLOAT32_INPUTS = frozenset({("Resize", 1), ("Resize", 2), ("Upsample", 1)})  # whatever the others are
 MANY = 64  # smaller constants are not worth a Cast
@@ -25,7 +25,6 @@ def half_precision(model: onnx.ModelProto) -> onnx.ModelProto:
     graph = Graph(model)
     proto = graph.model.graph
     old = [onnx.NodeProto.FromString(node.SerializeToString()) for node in graph.nodes]
-    inside = [node for node in old if not node.name.startswith(PREPROCESSING)]
     del proto.node[:]
     renamed: dict[str, str] = {}  # what float16 nodes read in a float32 value's place
     outside = {value.name for value in proto.input} | {
@@ -33,7 +32,7 @@ def half_precision(model: onnx.ModelProto) -> onnx.ModelProto:
     }
     outputs = {value.name for value in proto.output if graph.dtype(value.name) == np.float32}
     for node in old:
-        if node not in inside:
+        if node.name.startswith(PREPROCESSING):
             proto.node.append(node)
             continue
         if node.op_type == "HardSigmoid" and attributes(node).get("alpha", 0.2) >= STEEP:
@@ -44,14 +43,17 @@ def half_precision(model: onnx.ModelProto) -> onnx.ModelProto:
                 continue
             value = graph.constant(name)
             if name not in renamed and value is not None:
-                with np.errstate(over="ignore"):  # infinite then, as is the saliency, which is looked at
-                    renamed[name] = graph.const(value.astype(np.float16), f"{name}/fp16")
+                renamed[name] = graph.const(_half(value), f"{name}/fp16")
             elif name not in renamed and name in outside:
                 renamed[name] = graph.op("Cast", name, name=f"{name}/fp16", to=TensorProto.FLOAT16)
             node.input[i] = renamed.get(name, name)
         for attribute in node.attribute:
             if attribute.name in ("to", "dtype") and attribute.i == TensorProto.FLOAT:
                 attribute.i = TensorProto.FLOAT16
+            # A Constant's readers have a float16 copy of it, those of FLOAT32_INPUTS the Constant itself.
+            if attribute.t.data_type == TensorProto.FLOAT and node.op_type != "Constant":
+                half = _half(numpy_helper.to_array(attribute.t))
+                attribute.t.CopyFrom(numpy_helper.from_array(half, attribute.t.name))
         for i, name in enumerate(node.output):
             if name in outputs:
                 node.output[i] = renamed[name] = graph.unique(f"{name}/fp16")
@@ -60,6 +62,11 @@ def half_precision(model: onnx.ModelProto) -> onnx.ModelProto:
         graph.op("Cast", renamed[name], name=f"{name}/fp32", outputs=[name], to=TensorProto.FLOAT)
     del proto.value_info[:]
     return cut(graph.model, [value.name for value in proto.output])
+
+
+def _half(values: np.ndarray) -> np.ndarray:
+    with np.errstate(over="ignore"):  # infinite then, as is the saliency, which is looked at
+        return values.astype(np.float16)
 
 
 def bfloat16_weights(model: onnx.ModelProto) -> onnx.ModelProto:

@@ -34,8 +34,10 @@ def share(model: onnx.ModelProto) -> onnx.ModelProto:
         if any(a.HasField("g") or a.graphs for a in node.attribute):
             continue
         attributes = sorted(a.SerializeToString(deterministic=True) for a in node.attribute)
-        key = (node.domain, node.op_type, tuple(node.input), tuple(attributes), len(node.output))
+        # An optional output that is left out counts as another node: it could not give what the other one's does.
+        made_by = tuple(map(bool, node.output))
+        key = (node.domain, node.op_type, tuple(node.input), tuple(attributes), made_by)
         original_node = made.setdefault(key, node)
         if original_node is not node and not outputs.intersection(node.output):
-            same.update(zip(node.output, original_node.output, strict=True))
+            same.update((name, its) for name, its in zip(node.output, original_node.output, strict=True) if name)
     return cut(result, [value.name for value in proto.output])

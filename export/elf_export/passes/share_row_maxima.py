@@ -18,19 +18,25 @@ def share_row_maxima(model: onnx.ModelProto) -> onnx.ModelProto:
     """
     result = onnx.ModelProto()
     result.CopyFrom(model)
-    rows = {node.input[0]: node for node in model.graph.node if _is_pool(node, ROWS)}
+    rows: dict[str, onnx.NodeProto] = {}
+    for node in model.graph.node:
+        if _is_pool(node, ROWS):
+            rows.setdefault(node.input[0], node)
     nodes: list[onnx.NodeProto] = []
-    placed: set[str] = set()
+    placed: set[str] = set()  # results of row maxima that stand in `nodes` already
     for node in model.graph.node:
         if _is_pool(node, WHOLE) and node.input[0] in rows:
             source = rows[node.input[0]]
-            if source.name not in placed:
-                placed.add(source.name)
+            if source.output[0] not in placed:
+                placed.add(source.output[0])
                 nodes.append(source)
             node = helper.make_node("MaxPool", source.output, node.output, node.name)
             node.attribute.extend(helper.make_attribute(name, value) for name, value in COLUMNS.items())
-        if node.name not in placed:
-            nodes.append(node)
+        if _is_pool(node, ROWS):
+            if node.output[0] in placed:
+                continue
+            placed.add(node.output[0])
+        nodes.append(node)
     del result.graph.node[:]
     result.graph.node.extend(nodes)
     return result

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import onnx
 
+from elf_export.adjoint.portable import STEEP
 from elf_export.graph import Graph, attributes
 from elf_export.response import sums_channels
 
@@ -18,7 +19,6 @@ MOVING = frozenset({
 # Ops of rounded values whose result gets a scheme of its own.
 COMBINING = frozenset({"Add", "Sum", "AveragePool", "Concat"})
 CLAMPING = frozenset({"Relu", "Clip"})
-STEEP = 1e20  # a HardSigmoid from that slope on is a step
 WORTH = 10  # multiply-adds for each value that is read or written: with fewer, rounding costs more than is saved
 
 Readers = Mapping[str, list[onnx.NodeProto]]

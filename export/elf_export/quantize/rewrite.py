@@ -87,7 +87,8 @@ def _convolution(state: Rewriting, node: onnx.NodeProto) -> None:
     assert kernel is not None, "is_convolution has seen to that"
     bias = state.graph.constant(node.input[2]) if len(node.input) > 2 and node.input[2] else None
     after = only_reader(state.readers, y)
-    if after is not None and after.op_type == "Abs" and bias is None and y in state.schemes:
+    simple = bias is None and attributes(node).get("group", 1) == 1
+    if after is not None and after.op_type == "Abs" and simple and y in state.schemes:
         both = state.graph.unique(f"{y}/both")
         convolve(state, node, x, two_steps_of(kernel, BREADTH), None, both)
         state.origins[both] = y

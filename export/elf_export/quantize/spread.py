@@ -68,8 +68,9 @@ def _convolved(
     """The integers of the phases `wanted`, side by side along the channels."""
     taps = [_taps(k, stride, p, [phase[axis] for phase in wanted])
             for axis, (k, p) in enumerate(zip(kernel.shape[2:], begin, strict=True))]  # fmt: skip
-    low = [min((u for u, _, _ in t), default=0) for t in taps]
-    high = [max((u for u, _, _ in t), default=0) for t in taps]
+    # With 0 among them, no side has less than no padding.
+    low = [min([0, *(u for u, _, _ in t)]) for t in taps]
+    high = [max([0, *(u for u, _, _ in t)]) for t in taps]
     size = [h - lo + 1 for lo, h in zip(low, high, strict=True)]
     part = np.zeros((len(wanted), *kernel.shape[:2], *size))
     for (uy, ay, jy), (ux, ax, jx) in itertools.product(*taps):

@@ -18,13 +18,14 @@ from onnx import TensorProto, helper
 from elf_export.graph import Graph, attributes
 from elf_runtime.session import open_session
 
+from .choice import CLAMPING
+
 MACS = 60  # multiply-adds of a convolution in floats that take as long, less those of one in integers
 EACH = 10  # a depthwise ConvTranspose in floats: for each value of its result
 DEEPER = 4  # copying channels, to have a multiple of four, and convolving the copies: for each value of them all
 LEAVING = 3  # making floats of integers, in another layout: for each value
 WITHIN = frozenset({"Conv", "Mul", "Add", "AveragePool", "Concat"})  # ONNX Runtime fuses these with their roundings
 MOVED = frozenset({"MaxPool", "Concat"})  # of integers, as costly in floats as there are values
-CLAMPING = frozenset({"Relu", "Clip"})
 
 
 def losing(model: onnx.ModelProto, origins: Mapping[str, str], pixels: npt.NDArray[np.float32]) -> set[str]:
@@ -89,7 +90,8 @@ class _Regions:
             maker = self.makers.get(node.input[0])
             return maker is not None and maker.op_type == "Conv" and self._is_fused(maker)
         data = [name for name in node.input if name in self.sizes]
-        rounded = all(name in self.makers and self.makers[name].op_type == "DequantizeLinear" for name in data)
+        read = [*data, node.input[1]] if node.op_type == "Conv" else data
+        rounded = all(name in self.makers and self.makers[name].op_type == "DequantizeLinear" for name in read)
         return node.op_type in WITHIN and bool(data) and rounded and self._is_rounded_after(node.output[0])
 
     def _is_rounded_after(self, name: str) -> bool:

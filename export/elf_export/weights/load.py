@@ -100,6 +100,19 @@ def load_weights(
     )
 
 
+def arguments(
+    option: str, network: Network, layers: Sequence[str], file: str | os.PathLike[str] | None, loaded: Weights
+) -> list[str]:
+    """The option of `elf-export` that names `file`; none where the bundled model holds the very tensors `loaded`."""
+    if file is None or not loaded.tensors:
+        return []
+    try:
+        bundled = fingerprint(_subset(network, layers, bundled_model()))
+    except WeightsError:  # the bundled model is another network's, or ends before these layers
+        bundled = ""
+    return [] if bundled == loaded.sha256 else [option, Path(file).name]
+
+
 def _from_file(network: Network, layers: Sequence[str], path: Path, log: Log) -> Weights:
     tensors = network.fit(read_tensors(path), network.tensor_shapes(layers))
     if network.known and not mismatches(tensors, network.known):
