@@ -13,7 +13,7 @@ import pytest
 from elf_runtime import ElfRuntime, Features, SettingError, engine
 from elf_runtime.agreement import agreement, compare, pattern
 from elf_runtime.commands.info import main
-from elf_runtime.session import bundled_model
+from elf_runtime.session import bundled_model, is_cpu
 from helpers import TINY
 
 AZURE = (
@@ -97,7 +97,7 @@ def shift(monkeypatch: pytest.MonkeyPatch, rows: int) -> None:
 
     def opened(model: Any, providers: Any = None, **options: Any) -> tuple[Any, str]:
         session, name = real(model, providers=providers, **options)
-        return (session if providers is None else Shifted(session, rows)), name
+        return (session if is_cpu(providers) else Shifted(session, rows)), name
 
     monkeypatch.setattr(engine, "open_session", opened)
 

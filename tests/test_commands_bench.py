@@ -52,6 +52,27 @@ def test_reports_every_stage_and_peer(tmp_path: Path, capsys: pytest.CaptureFixt
     assert ratio == pytest.approx(medians[1] / medians[0], abs=0.0051)
 
 
+@pytest.mark.parametrize(
+    ("target", "status", "reason"),
+    [("p.png", 2, "p.png is the image"), ("nodir/b.json", 1, "there is no folder nodir")],
+)
+def test_the_report_s_place_is_checked_before_the_work(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    target: str,
+    status: int,
+    reason: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("elf_runtime.commands.bench.start_up", None)
+    cv2.imwrite("p.png", synthetic(64, 64))
+    before = Path("p.png").read_bytes()
+    assert bench("--image", "p.png", "--peers", "none", "--json", target) == status
+    assert f"--json: {reason}" in capsys.readouterr().err
+    assert Path("p.png").read_bytes() == before
+
+
 def test_json_on_standard_output_is_alone_there(capsys: pytest.CaptureFixture[str]) -> None:
     assert bench("--sizes", "64x64", "--peers", "none", "--json", "-") == 0
     captured = capsys.readouterr()

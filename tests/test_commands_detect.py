@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import cv2
 import numpy as np
+import onnxruntime as ort
 import pytest
 
 from elf_runtime import ElfRuntime, Features
@@ -15,6 +17,7 @@ from elf_runtime.commands._inputs import image_files, output_names
 from elf_runtime.commands.detect import main
 
 TINY = Path(__file__).parent / "data" / "tiny.onnx"
+MISSING = next(name for name in ort.get_all_providers() if name not in ort.get_available_providers())
 
 
 def write(path: Path, seed: int = 0, size: tuple[int, int] = (96, 128)) -> Path:
@@ -141,10 +144,67 @@ def test_an_input_image_is_never_overwritten(tmp_path: Path, capsys: pytest.Capt
 @pytest.mark.parametrize(
     ("arguments", "status", "reason"),
     [
+        (["p.png", "-o", ".", "--mask", "m/p.png", "--no-picture", "--json", "m/p.png"], 2, "m/p.png is the mask"),
+        (["p.jpg", "-o", ".", "--mask", "p.png"], 2, "-o: p.png is the mask"),
+        (["p.jpg", "-o", ".", "--mask", "link.png"], 2, "-o: p.png is the mask"),
+        (["p.png", "-o", "out", "--json", "p.png"], 2, "--json: p.png is an input image"),
+        (["m/p.png", "p.png", "-o", "out", "--json", "./p.png"], 2, "--json: p.png is an input image"),
+        (["p.jpg", "-o", "out", "--json", "out/p.png"], 2, "--json: out/p.png is an output of -o"),
+        (["p.jpg", "-o", "out", "--json", "model.onnx"], 2, "--json: model.onnx is the model"),
+        (["p.jpg", "-o", "out", "--json", "nodir/x.json"], 1, "--json: there is no folder nodir"),
+        (["p.jpg", "-o", "out", "--json", "p.png/x.json"], 1, "--json: p.png is not a folder"),
+        (["p.jpg", "-o", "out", "--json", "m"], 1, "--json: m exists and is not a file"),
+        (["p.jpg", "-o", "p.png"], 1, "-o: p.png is not a folder"),
+        (["p.jpg", "-o", "p.png/out"], 1, "-o: "),
+    ],
+)
+def test_outputs_are_checked_before_the_work(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    status: int,
+    reason: str,
+) -> None:
+    for seed, name in enumerate(("p.png", "p.jpg", "m/p.png")):
+        write(tmp_path / name, seed)
+    (tmp_path / "link.png").symlink_to("p.png")
+    (tmp_path / "model.onnx").write_bytes(TINY.read_bytes())
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(ElfRuntime, "trace", None)  # no image gets that far
+    assert main([*arguments, "--model", "model.onnx", "--threads", "1"]) == status
+    error = capsys.readouterr().err
+    assert error.startswith("elf-detect: error: ")
+    assert error.count("\n") == 1
+    assert reason in error
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+def test_a_summary_may_lie_in_the_folder_that_is_made(tmp_path: Path) -> None:
+    out = tmp_path / "new" / "out"
+    for summary in (out / "summary.json", tmp_path / "new" / "summary.json"):
+        assert detect(write(tmp_path / "a.png"), "-o", out, "--json", summary) == 0
+        assert json.loads(summary.read_text())["images"]
+    assert detect(tmp_path / "a.png", "-o", out, "--json", out / "summary.json") == 0  # written again
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_that_is_read_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    image, out = write(tmp_path / "a.png"), tmp_path / "out"
+    out.mkdir(mode=0o500)
+    assert detect(image, "-o", out) == 1
+    assert "nothing can be written into the folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "reason"),
+    [
         (["--threshold", "2"], 2, "threshold"),
         (["--nms-radius", "-1"], 2, "nms_radius"),
         (["--scale", "0"], 2, "scale"),
         (["--descriptor", "pool9"], 2, "no descriptor layer 'pool9'"),
+        (["--provider", MISSING], 1, "Install the build that has it, or take one of these"),
         (["--provider", "quantum"], 1, "unknown provider 'quantum'"),
         (["--mask", "absent.png"], 1, "absent.png"),
     ],

@@ -5,13 +5,17 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import cv2
 import onnxruntime as ort
 import pytest
 
-from elf_runtime import ModelContract
+from elf_runtime import ElfRuntime, ModelContract
+from elf_runtime.commands._info_text import _parity_rows
 from elf_runtime.commands.info import gflop_per_megapixel, main
 from elf_runtime.coverage import from_events, measure
 from elf_runtime.onnx_file import read_onnx
+from elf_runtime.session import bundled_model
+from helpers import textured
 
 TINY = Path(__file__).parent / "data" / "tiny.onnx"
 
@@ -39,6 +43,35 @@ def test_says_what_the_model_is(capsys: pytest.CaptureFixture[str]) -> None:
     ):
         assert expected in text
     assert "CPU              runs every op" in text
+
+
+def test_measured_errors_and_scores_are_in_words(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(bundled_model("int8")), "--provider", "cpu"]) == 0
+    text = capsys.readouterr().out
+    assert "  parity           median error of the saliency against float64, of its maximum: 1.2" in text
+    assert "matching score between images and views of them in int8, %: 77.81" in text
+    assert "matching score between images and views of them in fp32, %: 77.98" in text
+    contract = ElfRuntime().contract
+    for key in contract.parity:
+        assert key not in text
+    rows = _parity_rows({"new_figure": 0.25, "max_error": 1e-3}, "int8")
+    assert rows == [
+        "  parity           largest error of the saliency, of its maximum: 0.001",
+        "                   new_figure: 0.25",
+    ]
+
+
+def test_no_file_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photo = tmp_path / "photo.ort"  # decoded by its content
+    photo.write_bytes(cv2.imencode(".png", textured(64, 80))[1].tobytes())
+    before = photo.read_bytes()
+    assert main([str(TINY), "--image", str(photo), "--ort", str(photo)]) == 2
+    assert "--ort: " in capsys.readouterr().err
+    assert main([str(TINY), "--ort", str(tmp_path / "absent" / "a.ort")]) == 1
+    captured = capsys.readouterr()
+    assert "--ort: there is no folder" in captured.err
+    assert captured.out == ""
+    assert photo.read_bytes() == before
 
 
 def test_json_holds_the_whole_contract(capsys: pytest.CaptureFixture[str]) -> None:

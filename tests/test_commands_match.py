@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from elf_runtime import ElfRuntime
 from elf_runtime.commands._contenders import synthetic
 from elf_runtime.commands.match import main
 
@@ -79,10 +80,17 @@ def test_nothing_to_match_is_no_failure(tmp_path: Path, capsys: pytest.CaptureFi
         (["-o", "m.png", "--ransac-threshold", "2"], 2, "needs --ransac"),
         (["-o", "m.png", "--ratio", "1.5"], 2, "--ratio 1.5"),
         (["-o", "m.png", "--save", "m.txt"], 2, ".npz"),
-        (["-o", "m.png", "--ransac", "homography", "--ransac-threshold", "-1"], 2, "threshold"),
+        (["-o", "m.png", "--ransac", "homography", "--ransac-threshold", "-1"], 2, "--ransac-threshold -1"),
+        (["-o", "m.png", "--ransac", "homography", "--ransac-threshold", "0"], 2, "--ransac-threshold 0"),
+        (["-o", "m.png", "--ransac", "fundamental", "--ransac-threshold", "nan"], 2, "--ransac-threshold nan"),
         (["-o", "m.xyz"], 2, ".xyz"),
         (["-o", "a.png"], 2, "input image"),
-        (["-o", "absent/m.png"], 1, "absent"),
+        (["-o", "absent/m.png"], 1, "-o: there is no folder absent"),
+        (["-o", "m.png", "--json", "a.png"], 2, "--json: a.png is an input image"),
+        (["-o", "m.png", "--json", "m.png"], 2, "--json: m.png is an output of -o"),
+        (["-o", "m.png", "--save", "m.npz", "--json", "./m.npz"], 2, "--json: m.npz is an output of --save"),
+        (["-o", "m.png", "--json", "absent/m.json"], 1, "--json: there is no folder absent"),
+        (["-o", "m.png", "--save", "absent/m.npz"], 1, "--save: there is no folder absent"),
     ],
 )
 def test_one_line_for_what_is_wrong(
@@ -94,13 +102,14 @@ def test_one_line_for_what_is_wrong(
     reason: str,
 ) -> None:
     monkeypatch.chdir(pair[0].parent)
-    before = sorted(p.name for p in pair[0].parent.iterdir())
+    monkeypatch.setattr(ElfRuntime, "detect", None)  # no image gets that far
+    before = {p.name: p.read_bytes() for p in pair[0].parent.iterdir()}
     assert match("a.png", "b.png", *arguments) == status
     error = capsys.readouterr().err
     assert error.startswith("elf-match: error: ")
     assert error.count("\n") == 1
     assert reason in error
-    assert sorted(p.name for p in pair[0].parent.iterdir()) == before
+    assert {p.name: p.read_bytes() for p in pair[0].parent.iterdir()} == before
 
 
 def test_a_missing_image_is_named(pair: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 
+import numpy as np
 import pytest
 
 from elf_runtime import (
@@ -77,7 +78,7 @@ def read_descriptors(stated: dict[str, object]) -> DescriptorSpec:
 
 
 def test_a_model_without_contract_is_told_how_to_get_one() -> None:
-    with pytest.raises(ContractError, match=r"a\.onnx: not an ELF model.*elf-export --onnx a\.onnx"):
+    with pytest.raises(ContractError, match=r"a\.onnx: not an ELF model.*--onnx a\.onnx --layer NAME --desc none"):
         ModelContract.from_metadata({"author": "me"}, "a.onnx")
 
 
@@ -164,6 +165,15 @@ def test_the_metadata_is_json() -> None:
 def test_settings_out_of_range(changes: dict[str, object]) -> None:
     with pytest.raises(SettingError):
         DetectionParams().updated(**changes)
+
+
+def test_numpy_s_integers_become_python_s() -> None:
+    params = DetectionParams(nms_radius=np.int64(4), border=np.uint8(200), max_keypoints=np.int32(9))
+    assert params == DetectionParams(nms_radius=4, border=200, max_keypoints=9)
+    assert json.loads(json.dumps(params.to_dict()))["border"] == 200
+    for value in (np.array(5), np.array([5]), np.float64(5), np.True_):
+        with pytest.raises(SettingError, match="border is an integer"):
+            DetectionParams(border=value)  # type: ignore[arg-type]
 
 
 def test_a_fixed_size_must_be_stated() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elf_runtime.descriptors import normalize_rows, sample
+from elf_runtime.descriptors import sample
 
 
 def plain_sample(fmap: np.ndarray, point: np.ndarray, stride: float, offset: float) -> np.ndarray:
@@ -37,7 +37,8 @@ def test_a_cell_centre_takes_its_cell() -> None:
 
 
 def test_rows_have_unit_norm_and_zero_stays_zero() -> None:
-    rows = normalize_rows(np.array([[3, 4], [0, 0], [1e-30, 0]], np.float32))
+    fmap = np.array([[[3, 4], [0, 0], [1e-30, 0]]], np.float32)
+    rows = sample(fmap, np.array([[0, 0], [1, 0], [2, 0]], np.float32), 1.0, 0.0)
     assert rows[0] == pytest.approx([0.6, 0.8])
     assert rows[1].tolist() == [0, 0]
     assert np.isfinite(rows).all()

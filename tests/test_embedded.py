@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import os
+import pickle
 import subprocess
 import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import onnxruntime as ort
 import pytest
 
 from elf_runtime import ElfRuntime, ModelError, engine
 from elf_runtime.agreement import compare, pattern
+from elf_runtime.session import bundled_model
 from helpers import ROOT, TINY, textured
 
 STATUS = Path("/proc/self/status")
@@ -97,6 +103,92 @@ def test_the_model_is_checked_once_and_opened_once_for_a_size(monkeypatch: pytes
     elf.detect(textured(64, 80))
     elf.detect(textured(64, 80, seed=1))
     assert opened == [{}, {"N": 1, "H": 64, "W": 80}]
+
+
+def test_a_batch_is_no_other_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    elf = ElfRuntime(TINY, threads=1, sizes=1)
+    images = [textured(64, 80, seed) for seed in range(5)]
+    opened = count_sessions(monkeypatch)
+    batch = elf.detect_batch(images)  # four together and one alone
+    assert opened == [{"H": 64, "W": 80}, {"N": 1, "H": 64, "W": 80}]
+    alone = [elf.detect(image) for image in images]
+    for number in (5, 3, 2):
+        elf.detect_batch(images[:number])
+    assert len(opened) == 2
+    for found, wanted in zip(batch, alone, strict=True):
+        np.testing.assert_allclose(found.keypoints, wanted.keypoints, atol=1e-3)
+    elf.detect(textured(48, 80))
+    assert len(elf._sessions) == 1
+    elf.detect_batch(images)
+    assert len(opened) == 5
+
+
+def test_the_sizes_used_last_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    elf = ElfRuntime(TINY, threads=1, sizes=2)
+    a, b, c = (textured(side, 80) for side in (64, 48, 56))
+    opened = count_sessions(monkeypatch)
+    for image in (a, b):
+        elf.detect(image)
+        elf.detect_batch([image] * 2)
+    elf.detect(a)  # now b is the one that was not used for longest
+    elf.detect(c)
+    assert len(opened) == 5
+    elf.detect(a)
+    elf.detect_batch([a] * 3)
+    assert len(opened) == 5
+    elf.detect(b)
+    assert len(opened) == 6
+
+
+@pytest.mark.parametrize("change", ["removed", "replaced"])
+def test_the_file_is_read_once(tmp_path: Path, change: str) -> None:
+    path = tmp_path / "m.onnx"
+    path.write_bytes(bundled_model("fp32").read_bytes())
+    elf, image = ElfRuntime(path, threads=1), textured(64, 80)
+    if change == "removed":
+        path.unlink()
+    else:
+        path.write_bytes(TINY.read_bytes())
+    wanted = ElfRuntime(bundled_model("fp32"), threads=1)
+    for size in (64, 48):
+        part = image[:size]
+        np.testing.assert_array_equal(elf.saliency(part), wanted.saliency(part))
+        np.testing.assert_array_equal(elf.detect(part).descriptors, wanted.detect(part).descriptors)
+        points = np.array([[20, 20]], np.float32)
+        np.testing.assert_array_equal(elf.describe(part, points), wanted.describe(part, points))
+    assert str(path) in repr(elf)
+
+
+def test_a_session_that_does_not_open_is_not_laid_to_the_image(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: Any, **__: Any) -> None:
+        raise ModelError("m.onnx: can't load it")
+
+    elf = ElfRuntime(TINY)
+    monkeypatch.setattr(engine, "open_session", refused)
+    with pytest.raises(ModelError, match=r"^m\.onnx: can't load it$"):
+        elf.detect(textured(64, 80))
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda elf: pickle.loads(pickle.dumps(elf))])
+@pytest.mark.parametrize("given", ["bundled", "path", "bytes"])
+def test_a_copy_opens_the_same_model(tmp_path: Path, given: str, copied: Any) -> None:
+    path = tmp_path / "m.onnx"
+    path.write_bytes(TINY.read_bytes())
+    model = {"bundled": None, "path": path, "bytes": path.read_bytes()}[given]
+    elf, image = ElfRuntime(model, threads=1, spin=False, sizes=3), textured(96, 128)
+    path.unlink()
+    other = copied(elf)
+    assert repr(other) == repr(elf)
+    assert (other._options, other._sizes) == (elf._options, 3)
+    np.testing.assert_array_equal(other.detect(image, border=4).keypoints, elf.detect(image, border=4).keypoints)
+
+
+def test_a_process_pool_takes_an_instance() -> None:
+    elf, images = ElfRuntime(TINY, threads=1), [textured(64, 80, seed) for seed in range(2)]
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        found = list(pool.map(elf.detect, images))
+    for features, image in zip(found, images, strict=True):
+        np.testing.assert_array_equal(features.keypoints, elf.detect(image).keypoints)
 
 
 def test_without_sizes_one_session_does_all(monkeypatch: pytest.MonkeyPatch) -> None:

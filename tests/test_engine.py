@@ -20,6 +20,7 @@ from elf_runtime import (
     SettingError,
     match,
 )
+from elf_runtime.refine import parabola_peaks
 from helpers import TINY, textured
 
 
@@ -111,8 +112,55 @@ def test_scores_are_floats_at_the_keypoints(elf: ElfRuntime, image: np.ndarray, 
     assert traced.mask[y, x].all()
 
 
+@pytest.mark.parametrize("border", [1, 5, 10, 15, 50])
+@pytest.mark.parametrize("scale", [0.28, 0.45, 0.5, 1.0, 1.7])
+def test_no_keypoint_within_the_border(elf: ElfRuntime, border: int, scale: float) -> None:
+    image = textured(157, 211)
+    for subpixel in (False, True):
+        settings = {"scale": scale, "subpixel": subpixel, "threshold": "none", "nms_radius": 1, "denoise": (1, 1.0)}
+        points = elf.detect(image, border=border, max_keypoints=100_000, **settings).keypoints
+        assert len(points) > 20
+        assert (points >= border).all()
+        assert (points <= np.array([211, 157]) - 1 - border).all()
+        # Not a working pixel more than that is left out.
+        assert (points.min(axis=0) < border + 2 / scale + 1).all()
+
+
+@pytest.mark.parametrize("scale", [0.28, 0.45, 0.5, 1.0, 1.7])
+@pytest.mark.parametrize("subpixel", [False, True])
+def test_keypoints_round_to_pixels_of_the_mask(elf: ElfRuntime, scale: float, subpixel: bool) -> None:
+    image = textured(157, 211)
+    mask = np.random.default_rng(0).random((20, 27)) < 0.5
+    mask = np.kron(mask, np.ones((8, 8), bool))[:157, :211]
+    settings = {"scale": scale, "subpixel": subpixel, "threshold": "none", "nms_radius": 1, "denoise": (1, 1.0)}
+    points = elf.detect(image, mask=mask, border=0, max_keypoints=100_000, **settings).keypoints
+    assert len(points) > 50
+    x, y = np.rint(points).astype(int).T
+    assert mask[y, x].all()
+
+
+def test_without_border_and_mask_every_place_is_refined(elf: ElfRuntime, image: np.ndarray) -> None:
+    settings = {"scale": 0.45, "border": 0, "threshold": "none"}
+    traced = elf.trace(image, subpixel=True, **settings)
+    whole = elf.trace(image, subpixel=False, **settings).features.keypoints
+    size, working = np.array([160, 120]), np.array(traced.scores.shape[::-1])
+    found = np.rint((whole + 0.5) * working / size - 0.5).astype(np.int64)
+    refined = (parabola_peaks(traced.scores, found) + 0.5) * size / working - 0.5
+    np.testing.assert_allclose(traced.features.keypoints, refined, atol=1e-3)
+    assert (traced.features.keypoints != whole).any()
+
+
+def test_lengths_beyond_the_image_are_the_image(elf: ElfRuntime, image: np.ndarray) -> None:
+    one = elf.detect(image, nms_radius=160, border=0)
+    assert len(one) == 1
+    for length in (3000, 10**20, 10**400):
+        found = elf.detect(image, nms_radius=length, border=0)
+        np.testing.assert_array_equal(found.keypoints, one.keypoints)
+        assert len(elf.detect(image, border=length, subpixel=True)) == 0
+
+
 def test_a_flat_image_is_the_empty_result(elf: ElfRuntime) -> None:
-    for value in (0, 128, 255):
+    for value in (0, 128, 255, (200, 100, 50)):
         flat = np.full((64, 64, 3), value, np.uint8)
         f = elf.detect(flat)
         assert (f.keypoints.shape, f.scores.shape, f.descriptors.shape) == ((0, 2), (0,), (0, 8))
@@ -141,6 +189,9 @@ def test_batches_equal_single_images(elf: ElfRuntime) -> None:
         for f, image, mask in zip(batch, images, masks, strict=True):
             assert same(f, elf.detect(image, mask=mask, border=4), 1e-3)
     assert elf.detect_batch([]) == []
+    for count in (0, 2.5, "3", True):
+        with pytest.raises(SettingError, match="batch_size is an integer >= 1"):
+            elf.detect_batch(images, batch_size=count)  # type: ignore[arg-type]
     with pytest.raises(ImageError, match="masks"):
         elf.detect_batch(images, masks=[None])
 
@@ -180,17 +231,6 @@ def test_opencv_keypoints(elf: ElfRuntime, image: np.ndarray) -> None:
     assert descriptors is f.descriptors
 
 
-def test_features_on_disk(elf: ElfRuntime, image: np.ndarray, tmp_path: Path) -> None:
-    f = elf.detect(image)
-    f.save(tmp_path / "f.npz")
-    assert same(Features.load(tmp_path / "f.npz"), f)
-    f.save(tmp_path / "f.csv")
-    lines = (tmp_path / "f.csv").read_text().splitlines()
-    assert lines[0] == "x,y,score"
-    assert len(lines) == len(f) + 1
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["f.csv", "f.npz"]
-
-
 def test_threads_share_one_instance(elf: ElfRuntime) -> None:
     images = [textured(64, 80, s) for s in range(4)]
     wanted = [elf.detect(i) for i in images]
@@ -222,6 +262,11 @@ def test_a_session_for_each_size_changes_nothing_and_is_bounded(image: np.ndarra
 
 def test_warmup_and_trace(elf: ElfRuntime, image: np.ndarray) -> None:
     elf.warmup((64, 48))
+    for size in ((-10, 10), (0, 64), (64.5, 64), (64, 64, 3), 64):
+        with pytest.raises(SettingError, match=r"a size is \(height, width\)"):
+            elf.warmup(size)  # type: ignore[arg-type]
+    with pytest.raises(ImageError, match="10x10 pixels; the smallest is 32x32"):
+        elf.warmup((10, 10))
     trace = elf.trace(image)
     assert {"read", "prepare", "session", "threshold", "nms", "descriptors"} <= set(trace.seconds)
     assert trace.saliency.shape == trace.scores.shape == trace.mask.shape == (120, 160)
@@ -309,6 +354,11 @@ def test_providers() -> None:
         ElfRuntime(TINY, providers=["warp"], fallback=True)
     with pytest.raises(ProviderError, match="empty"):
         ElfRuntime(TINY, providers=[])
+    for odd in (3, [3], ("cpu", None), {"cpu": {}}, [("cpu",)], b"cpu"):
+        with pytest.raises(ProviderError, match="a provider is a name, or a pair of a name and its options"):
+            ElfRuntime(TINY, providers=odd)  # type: ignore[arg-type]
+    with pytest.raises(ProviderError, match="the options of provider 'cpu' are a mapping, not 3"):
+        ElfRuntime(TINY, providers=[("cpu", 3)])  # type: ignore[list-item]
     for threads in (0, -1, 1.5, True):
         with pytest.raises(ProviderError, match="threads"):
             ElfRuntime(TINY, threads=threads)  # type: ignore[arg-type]
@@ -318,7 +368,8 @@ def test_a_provider_that_is_not_installed() -> None:
     import onnxruntime
 
     missing = next(p for p in onnxruntime.get_all_providers() if p not in onnxruntime.get_available_providers())
-    with pytest.raises(ProviderError, match=f"{missing} is not in the installed onnxruntime"):
+    with pytest.raises(ProviderError, match=f"{missing} is not in the installed onnxruntime") as caught:
         ElfRuntime(TINY, providers=[missing, "cpu"])
+    assert "fallback" not in str(caught.value)  # which no command has
     with pytest.warns(RuntimeWarning, match=missing):
         assert ElfRuntime(TINY, providers=[missing], fallback=True).providers == ["CPUExecutionProvider"]

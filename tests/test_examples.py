@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -118,6 +119,19 @@ def test_c_finds_the_same_maxima(
     assert [float(value) for *_, value in rows] == pytest.approx(
         [float(saliency[ys[i], xs[i]]) for i in order], rel=1e-3
     )
+
+
+def test_the_readme_shows_what_c_finds() -> None:
+    image = cv2.imread(str(ROOT / "demo" / "palace.jpg"))
+    session, _ = open_session(bundled_model("fp32"))
+    saliency = session.run(["saliency"], {"image": image[None].astype(np.float32)})[0][0]
+    ys, xs = np.nonzero(saliency == cv2.dilate(saliency, np.ones((11, 11), np.uint8)))
+    order = np.argsort(-saliency[ys, xs])
+    rows = re.findall(r"^ +(\d+) (\d+) ([\d.]+)$", (EXAMPLES / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert len(rows) >= 2
+    assert [(int(x), int(y)) for x, y, _ in rows] == [(xs[i], ys[i]) for i in order[: len(rows)]]
+    values = [float(saliency[ys[i], xs[i]]) for i in order[: len(rows)]]
+    assert [float(value) for *_, value in rows] == pytest.approx(values, rel=1e-3)
 
 
 def test_the_c_example_says_what_is_wrong(program: Path, ppm: Path, tmp_path: Path) -> None:

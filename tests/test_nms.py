@@ -153,6 +153,21 @@ def test_scores_at_the_limit_are_kept_in_raster_order() -> None:
     check(scores, scores > 0, 3, limit=3)
 
 
+@pytest.mark.parametrize("shape", [(6, 9), (9, 6), (1, 5)])
+def test_a_radius_beyond_the_map_costs_no_more(monkeypatch: pytest.MonkeyPatch, shape: tuple[int, int]) -> None:
+    scores = np.random.default_rng(0).random(shape).astype(np.float32)
+    sides = []
+    frame = nms._Frame
+    monkeypatch.setattr(nms, "_Frame", lambda *given: sides.append(given[2]) or frame(*given))
+    for radius in (max(shape) - 2, max(shape) - 1, max(shape), 100_000, 10**20):
+        points, _ = greedy_nms(scores, scores > 0, radius)
+        if radius >= max(shape) - 1:
+            assert points.tolist() == [[scores.argmax() % shape[1], scores.argmax() // shape[1]]]
+        else:
+            check(scores, scores > 0, radius)
+    assert max(sides) == max(shape) - 1
+
+
 @pytest.mark.parametrize("limit", [None, 0, 5])
 def test_nothing_in_nothing_out(limit: int | None) -> None:
     points, values = greedy_nms(np.zeros((8, 8), np.float32), np.zeros((8, 8), np.bool_), 2, limit)

@@ -6,6 +6,8 @@ import re
 import time
 from typing import Any
 
+import numpy as np
+import onnxruntime as ort
 import pytest
 
 from elf_runtime import PRESETS, DetectionParams, ElfRuntime, engine, preset
@@ -14,7 +16,17 @@ from helpers import TINY, textured
 
 
 class Chosen(Exception):  # noqa: N818
-    """What was to be opened."""
+    """The model that was to be opened."""
+
+
+def chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let every known provider be installed, and opening a model raise its name."""
+
+    def opened(model: Any, *, name: str, **_: Any) -> None:
+        raise Chosen(name)
+
+    monkeypatch.setattr("elf_runtime.session.ort.get_available_providers", ort.get_all_providers)
+    monkeypatch.setattr(engine, "open_session", opened)
 
 
 @pytest.mark.parametrize(
@@ -34,23 +46,55 @@ class Chosen(Exception):  # noqa: N818
     ],
 )
 def test_the_bundled_file_suits_the_provider(monkeypatch: pytest.MonkeyPatch, providers: Any, precision: str) -> None:
-    def opened(model: Any, **_: Any) -> None:
-        raise Chosen(model)
-
-    monkeypatch.setattr(engine, "open_session", opened)
+    chosen(monkeypatch)
     with pytest.raises(Chosen) as caught:
         ElfRuntime(providers=providers)
-    assert caught.value.args == (bundled_model(precision),)
+    assert caught.value.args == (str(bundled_model(precision)),)
+
+
+@pytest.mark.parametrize("name", ["fast", "default", "accurate"])
+@pytest.mark.parametrize("ground", [(200, 150, 100), (60, 160, 220)])
+def test_the_edge_of_a_plain_coloured_image_is_no_keypoint(name: str, ground: tuple[int, int, int]) -> None:
+    """The network's zero padding is an edge there, which the presets' borders leave out."""
+    image = np.full((480, 640, 3), ground, np.uint8)
+    image[165:265, 245:395] = textured(100, 150)
+    found = ElfRuntime(threads=1).detect(image, preset=name).keypoints
+    inside = ((found > 60) & (found < (640 - 60, 480 - 60))).all(axis=1)
+    assert len(found) > 50
+    assert inside.all()
 
 
 def test_a_file_of_the_user_s_is_taken_whatever_the_provider(monkeypatch: pytest.MonkeyPatch) -> None:
-    def opened(model: Any, **_: Any) -> None:
-        raise Chosen(model)
-
-    monkeypatch.setattr(engine, "open_session", opened)
+    chosen(monkeypatch)
     with pytest.raises(Chosen) as caught:
         ElfRuntime(TINY, providers="cuda")
-    assert caught.value.args == (TINY,)
+    assert caught.value.args == (str(TINY),)
+
+
+MISSING = [name for name in ort.get_all_providers() if name not in ort.get_available_providers()]
+
+
+def test_where_the_provider_is_missing_the_bundled_file_suits_the_cpu() -> None:
+    with pytest.warns(RuntimeWarning, match=MISSING[0]):
+        elf = ElfRuntime(providers=MISSING[0], fallback=True)
+    assert elf.contract.precision == "int8"
+
+
+def test_where_the_provider_does_not_start_the_bundled_file_suits_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    installed = ort.get_available_providers()
+    real, tried = engine.open_session, []
+
+    def opened(model: Any, providers: Any, **options: Any) -> Any:
+        """As ONNX Runtime does: a provider that does not start leaves a session of the CPU."""
+        tried.append(providers)
+        return real(model, "cpu", **options)
+
+    monkeypatch.setattr("elf_runtime.session.ort.get_available_providers", lambda: [MISSING[0], *installed])
+    monkeypatch.setattr(engine, "open_session", opened)
+    elf = ElfRuntime(providers=[MISSING[0], "cpu"], fallback=True)
+    assert (elf.contract.precision, elf.providers) == ("int8", ["CPUExecutionProvider"])
+    elf.detect(textured(64, 80))
+    assert tried == [[MISSING[0], "CPUExecutionProvider"], ["CPUExecutionProvider"], ["CPUExecutionProvider"]]
 
 
 def test_the_bundled_model_says_which_it_is() -> None:
@@ -67,11 +111,12 @@ def test_the_presets_are_these() -> None:
         "fast", "default", "accurate", "paper", "paper-webcam", "paper-robust", "paper-components"
     )  # fmt: skip
     common = {"normalize": 0.95, "nms_radius": 6, "subpixel": True}
-    assert preset("fast") == DetectionParams(denoise=(3, 0.8), scale=0.28, **common)
-    assert preset("default") == DetectionParams(denoise=(5, 1.2), scale=0.45, **common)
-    assert preset("accurate") == DetectionParams(denoise=(7, 1.8), scale=0.75, **common)
+    assert preset("fast") == DetectionParams(denoise=(3, 0.8), scale=0.28, border=20, **common)
+    assert preset("default") == DetectionParams(denoise=(5, 1.2), scale=0.45, border=14, **common)
+    assert preset("accurate") == DetectionParams(denoise=(7, 1.8), scale=0.75, border=12, **common)
     for name in ("fast", "default", "accurate"):
         assert preset(name, "xception") == preset(name)
+        assert f"{preset(name).scale:g}" in (preset.__doc__ or "")
 
 
 def test_default_is_the_model_s_own() -> None:

@@ -38,6 +38,13 @@ def test_every_image_the_runtime_takes_is_displayable(shape: tuple[int, ...], dt
     assert (shown == 255).all()
 
 
+@pytest.mark.parametrize("kind", ["u2", "f4"])
+def test_any_byte_order_is_displayable(kind: str) -> None:
+    values = (np.arange(600) * (100 if kind == "u2" else 1 / 600)).astype(kind).reshape(20, 30)
+    for order in "<>":
+        np.testing.assert_array_equal(displayable(values.astype(order + kind)), displayable(values))
+
+
 def test_a_heatmap_rises_and_clips_outliers() -> None:
     ramp = np.linspace(0, 1, 1000, dtype=np.float32).reshape(10, 100)
     ramp[9, 99] = 1e6

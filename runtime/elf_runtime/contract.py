@@ -209,7 +209,7 @@ class ModelContract:
         if key not in metadata:
             raise ContractError(
                 f"{file}: not an ELF model: its metadata has no {key!r}. Any CNN can be made one: "
-                f"elf-export --onnx {file} --layer NAME (elf-export --onnx {file} --list shows the layers)"
+                f"elf-export --onnx {file} --layer NAME --desc none (elf-export --onnx {file} --list shows the layers)"
             )
         again = (
             metadata.get(KEY_PREFIX + "command", "").strip('"') or "elf-export --net NETWORK --layer LAYER"

@@ -51,11 +51,6 @@ def sample(feature_map: Array, points: Array, stride: float, offset: float) -> A
     return out
 
 
-def normalize_rows(rows: Array) -> Array:
-    """Rows scaled to unit L2 norm; a row of zeros stays one.  (N, D) -> (N, D) float32."""
-    return _unit(rows, np.empty(rows.shape)).astype(np.float32)
-
-
 def _unit(rows: Array, wide: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """`rows` at unit length, in float64, in `wide`."""
     wide[...] = rows

@@ -21,9 +21,9 @@ from .features import Features
 from .image import Array, ImageLike
 from .nms import greedy_nms
 from .ort_format import is_ort_format
-from .params import DetectionParams, preset
+from .params import DetectionParams, is_int, preset
 from .refine import parabola_peaks
-from .session import Provider, bundled_model, is_cpu, open_session
+from .session import Provider, bundled_model, is_cpu, open_session, read_model, resolve_providers
 from .subgraph import with_outputs
 from .threshold import blurred, passing
 from .work import Stopwatch, Work, as_points, prepared
@@ -31,7 +31,7 @@ from .work import Stopwatch, Work, as_points, prepared
 Shape = tuple[int, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trace:
     """A detection with what led to it, at the working size (h, w).
 
@@ -61,8 +61,8 @@ class ElfRuntime:
     Parameters
     ----------
     model : path or bytes, optional
-        A file that ``elf-export`` or `to_ort` wrote.  None is the bundled model, which works offline: in int8 on ONNX
-        Runtime's CPU provider, in fp32 on others.
+        A file that ``elf-export`` or `to_ort` wrote; it is read once, here.  None is the bundled model, which works
+        offline: in int8 on ONNX Runtime's CPU provider, `fallback` to it included, in fp32 on others.
     providers : str, (str, options) or sequence of them, optional
         ONNX Runtime execution providers in order of preference, by short ("cuda") or full name.  None is the CPU.
     threads : int, optional
@@ -73,9 +73,10 @@ class ElfRuntime:
     fallback : bool
         Where a provider is not installed or does not start: warn and go on with the next (True), or raise.
     sizes : int
-        For that many image sizes, the ones used last, a session of their own is kept: ONNX Runtime is about a
-        sixth faster when it knows the size.  Opening one takes some 20 to 100 ms.  0 opens none; right where
-        nearly every image has another size.  A model in ORT format has one session for all.
+        For that many image sizes, the ones used last, a session of their own is kept, and a second one where images
+        come in batches too: ONNX Runtime is about a sixth faster when it knows the size.  Opening one takes some 20 to
+        100 ms.  0 opens none; right where nearly every image has another size.  A model in ORT format has one session
+        for all.
 
     Raises
     ------
@@ -95,9 +96,11 @@ class ElfRuntime:
 
     Notes
     -----
-    An instance is safe to use from several threads at once.  `detect` runs the whole graph; the first call of
-    `saliency` or `describe` opens a session of that part of the graph alone.  A model in ORT format can't be cut:
-    there they run the whole graph too.
+    An instance is safe to use from several threads at once.  Copied or pickled, for a pool of processes, it opens its
+    model again.
+
+    `detect` runs the whole graph; the first call of `saliency` or `describe` opens a session of that part of the graph
+    alone.  A model in ORT format can't be cut: there they run the whole graph too.
     """
 
     def __init__(
@@ -110,30 +113,47 @@ class ElfRuntime:
         fallback: bool = False,
         sizes: int = 2,
     ) -> None:
-        # Integers are for CPUs: other providers would convolve in floats, with roundings in between.
-        self._source = bundled_model("int8" if is_cpu(providers) else "fp32") if model is None else model
-        self._options: dict[str, Any] = {
-            "providers": providers, "threads": threads, "spin": spin, "fallback": fallback
-        }  # fmt: skip
-        if isinstance(sizes, bool) or not isinstance(sizes, int) or sizes < 0:
+        if not is_int(sizes) or sizes < 0:
             raise SettingError(f"sizes is an integer >= 0, not {sizes!r}")
-        self._divisible = not is_ort_format(self._source)
+        options = {"providers": providers, "threads": threads, "spin": spin, "fallback": fallback}
+        self._given = (None if model is None else read_model(model), options, int(sizes))
+        self._open(*self._given)
+
+    def _open(self, given: tuple[bytes, str] | None, options: dict[str, Any], sizes: int) -> None:
+        """Open and check the model, (bytes, name), by default the bundled one that suits the provider."""
+        providers = resolve_providers(options["providers"], options["fallback"])
+        self._options = {**options, "providers": providers}
+        # Integers are for CPUs: other providers would convolve in floats, with roundings in between.
+        self._model, self._name = given or read_model(bundled_model("int8" if is_cpu(providers) else "fp32"))
+        self._divisible = not is_ort_format(self._model)
         self._sizes = sizes if self._divisible else 0
         # A session to check the model only, where each size gets its own; another provider has to show that it starts.
         provisional = self._sizes > 0 and is_cpu(providers)
-        session, self._name = open_session(self._source, **self._options, optimize=not provisional)
+        session, _ = open_session(self._model, **self._options, optimize=not provisional, name=self._name)
+        self.providers = list(session.get_providers())
+        if is_cpu(self.providers) and not is_cpu(providers):
+            # Installed, but it did not start, and need not be tried again for each size.
+            return self._open(given, {**options, "providers": None}, sizes)
         metadata = session.get_modelmeta().custom_metadata_map
         self.contract = ModelContract.from_metadata(metadata, self._name)
         self.contract.check_tensors(session.get_inputs(), session.get_outputs(), self._name)
-        self.providers = list(session.get_providers())
         self._outputs = frozenset(tensor.name for tensor in session.get_outputs())
-        self._dims = [dim if isinstance(dim, str) else None for dim in session.get_inputs()[0].shape]
+        self._dims = [dim if isinstance(dim, str) else None for dim in session.get_inputs()[0].shape[:3]]
         # onnxruntime computes every output of a graph, asked for or not: one session for each set of outputs,
-        # and of those one for each size; the least recently used first.
-        self._sessions: dict[tuple[frozenset[str], Shape | None], ort.InferenceSession] = {}
+        # and of those one or two for each size; the least recently used first.
+        self._sessions: dict[tuple[frozenset[str], Shape | None, bool], ort.InferenceSession] = {}
         if not provisional:
-            self._sessions[self._outputs, None] = session
+            self._sessions[self._outputs, None, False] = session
         self._opening = threading.Lock()
+        return None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What opens the same model again, in any process: its bytes, unless it is the bundled one, and the options."""
+        return {"given": self._given}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._given = state["given"]
+        self._open(*self._given)
 
     def __repr__(self) -> str:
         c = self.contract
@@ -164,9 +184,9 @@ class ElfRuntime:
         threshold : "kapur", "none" or float in [0, 1]
             See `DetectionParams`.
         nms_radius, border : int
-            In pixels of the source image.
+            In pixels of the source image; see `DetectionParams`.
         mask : (H, W) bool or integer array, optional
-            Keypoints only where it is non-zero.
+            Keypoints only where it is non-zero: at the pixel that a keypoint's x and y round to.
         preset : str, optional
             "fast", "default" (the model's own settings), "accurate", or the paper's: "paper", "paper-webcam",
             "paper-robust", "paper-components".  Where to start from.
@@ -243,7 +263,7 @@ class ElfRuntime:
         -------
         list of Features, one per image, each the same as `detect` gives
         """
-        if batch_size < 1:
+        if not is_int(batch_size) or batch_size < 1:
             raise SettingError(f"batch_size is an integer >= 1, not {batch_size!r}")
         if masks is not None and len(masks) != len(batch):
             raise ImageError(f"{len(masks)} masks for {len(batch)} images")
@@ -327,7 +347,16 @@ class ElfRuntime:
         """Detect once on noise of (height, width) at a working scale, by default the model's.
 
         The session of this size is open then: `detect` on the first real image pays no first-use costs.
+
+        Raises
+        ------
+        SettingError
+            If `size` is not two positive integers.
+        ImageError
+            If it is below the model's smallest.
         """
+        if not (isinstance(size, Sequence) and len(size) == 2 and all(is_int(side) and side > 0 for side in size)):
+            raise SettingError(f"a size is (height, width) in pixels, not {size!r}")
         noise = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
         self.detect(noise, scale=scale)
 
@@ -349,8 +378,9 @@ class ElfRuntime:
         self, pixels: Array, specs: Sequence[DescriptorSpec], saliency: bool = True
     ) -> tuple[Array, Mapping[str, Array]]:
         names = ([self.contract.saliency_output] if saliency else []) + [spec.output for spec in specs]
+        session = self._session_for(names, pixels.shape[:3])
         try:
-            values = self._session_for(names, pixels.shape).run(names, {self.contract.input.name: pixels})
+            values = session.run(names, {self.contract.input.name: pixels})
         except Exception as error:  # onnxruntime's own exceptions share no base of theirs
             reason = str(error).strip().splitlines()[0][:300]
             raise ElfError(f"{self._name}: the network failed on a {pixels.shape} input: {reason}") from error
@@ -358,20 +388,27 @@ class ElfRuntime:
         return by_name.get(self.contract.saliency_output, np.zeros((len(pixels), 0, 0), np.float32)), by_name
 
     def _session_for(self, outputs: Sequence[str], shape: Shape) -> ort.InferenceSession:
-        """A session that computes these outputs and no other, for this input shape alone where sizes are kept."""
+        """A session that computes these outputs and no other; where sizes are kept, for this size (N, h, w) alone.
+
+        An image alone has a session of its own too, which fuses more; in all others of that size the batch is free.
+        """
         wanted = frozenset(outputs) if self._divisible else self._outputs
-        key = (wanted, shape if self._sizes else None)
+        alone, size = shape[0] == 1, shape[1:]
+        key = (wanted, size, alone) if self._sizes else (wanted, None, False)
         with self._opening:
             session = self._sessions.pop(key, None)
             if session is None:
-                dims = {name: size for name, size in zip(self._dims, shape, strict=True) if name} if self._sizes else {}
-                part = self._source if wanted == self._outputs else with_outputs(self._source, outputs)
-                session = open_session(part, **self._options, dims=dims)[0]
+                fixed = zip(self._dims, shape, (alone, True, True), strict=True) if self._sizes else ()
+                dims = {name: side for name, side, known in fixed if name and known}
+                part = self._model if wanted == self._outputs else with_outputs(self._model, outputs, self._name)
+                session = open_session(part, **self._options, dims=dims, name=self._name)[0]
                 # From here on the session of any size is not needed for these outputs.
-                self._sessions.pop((wanted, None), None)
-                kept = [other for other in self._sessions if other[0] == wanted]
-                for other in kept[: max(0, len(kept) - self._sizes + 1)]:
-                    del self._sessions[other]
+                self._sessions.pop((wanted, None, False), None)
+                mine = [other for other in self._sessions if other[0] == wanted]
+                others = list(dict.fromkeys(other[1] for other in reversed(mine) if other[1] != size))
+                for other in mine:
+                    if other[1] in others[max(0, self._sizes - 1) :]:
+                        del self._sessions[other]
             self._sessions[key] = session
             return session
 
@@ -397,19 +434,22 @@ class ElfRuntime:
             scores, smooth = blurred(saliency, params)
         with watch("threshold"):
             mask = passing(scores, smooth, params)
-            if work.allowed is not None:
-                mask &= work.allowed
+            allowed = work.allowed()
+            if allowed is not None:
+                mask &= allowed
         with watch("nms"):
-            border = work.length(params.border)
-            inside = tuple(slice(border, size - border) for size in mask.shape)  # empty where the border is all
-            found, strength = greedy_nms(
-                scores[inside], mask[inside], work.length(params.nms_radius), params.max_keypoints
-            )
-            found += border
+            rows, columns = work.margin(params.border)
+            height, width = mask.shape
+            inside = (slice(rows, height - rows), slice(columns, width - columns))  # empty where the border is all
+            radius = work.radius(params.nms_radius)
+            found, strength = greedy_nms(scores[inside], mask[inside], radius, params.max_keypoints)
+            found += (columns, rows)
             # The paper's scores were of 8 bits so far.
             values, best = scores.astype(np.float32, copy=False), strength.astype(np.float32, copy=False)
         with watch("descriptors"):
-            points = parabola_peaks(values, found) if params.subpixel else found.astype(np.float32)
+            points = found.astype(np.float32)
+            if params.subpixel:
+                points = work.kept_inside(parabola_peaks(values, found), found, params.border)
             descriptors = np.zeros((len(points), dim), np.float32)
             if spec is not None and len(points):
                 descriptors = sample(maps[spec.output][index], points, spec.stride, spec.offset)

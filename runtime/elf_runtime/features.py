@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,13 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from .errors import ElfError
+from .files import write_atomically
 
 Array = npt.NDArray[np.float32]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Features:
-    """Keypoints of one image with scores and descriptors.
+    """Keypoints of one image with scores and descriptors.  Two are equal only if they are one object.
 
     Attributes
     ----------
@@ -32,7 +34,7 @@ class Features:
     image_size : (height, width)
         Of the source image, in pixels.
     nms_radius : float
-        In pixels of the source image: the size that `to_cv2` gives a keypoint.
+        In pixels of the source image; `to_cv2` gives a keypoint the size of its window.
     """
 
     keypoints: Array
@@ -58,43 +60,65 @@ class Features:
         return points, self.descriptors
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a ``.npz`` (keypoints, scores, descriptors, image_size) or ``.csv`` (x,y,score).
+        """Write a ``.npz`` (keypoints, scores, descriptors, image_size, nms_radius) or ``.csv`` (x,y,score).
 
         Raises
         ------
         ElfError
             On another ending.
+        OSError
+            If the file can't be written; what was there stays.
         """
         path = Path(path)
-        temporary = path.with_name(f".{path.name}.part")
-        if path.suffix == ".npz":
-            with open(temporary, "wb") as file:
-                np.savez_compressed(
-                    file,
-                    keypoints=self.keypoints,
-                    scores=self.scores,
-                    descriptors=self.descriptors,
-                    image_size=np.asarray(self.image_size),
-                )
-        elif path.suffix == ".csv":
-            table = np.column_stack([self.keypoints, self.scores])
-            np.savetxt(temporary, table, delimiter=",", header="x,y,score", comments="", fmt="%.3f")
-        else:
+        writers = {".npz": self._write_npz, ".csv": self._write_csv}
+        if path.suffix not in writers:
             raise ElfError(f"{path}: features are saved as .npz or .csv")
-        os.replace(temporary, path)
+        write_atomically(path, writers[path.suffix])
+
+    def _write_npz(self, path: Path) -> None:
+        np.savez_compressed(
+            path,
+            keypoints=self.keypoints,
+            scores=self.scores,
+            descriptors=self.descriptors,
+            image_size=np.asarray(self.image_size),
+            nms_radius=np.float64(self.nms_radius),
+        )
+
+    def _write_csv(self, path: Path) -> None:
+        table = np.column_stack([self.keypoints, self.scores])
+        np.savetxt(path, table, delimiter=",", header="x,y,score", comments="", fmt="%.3f")
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Features:
-        """Read a ``.npz`` that `save` wrote.
+        """Read a ``.npz`` that `save` wrote.  One without nms_radius has the default.
 
         Raises
         ------
         ElfError
-            If the file is missing or is not such a file.
+            If the file is missing, is not such a file, or its arrays do not fit together.
         """
         try:
-            with np.load(path, allow_pickle=False) as data:
-                height, width = (int(v) for v in data["image_size"])
-                return cls(data["keypoints"], data["scores"], data["descriptors"], (height, width))
-        except (OSError, KeyError, ValueError) as error:
-            raise ElfError(f"{path}: not a feature file: {error}") from error
+            with open(path, "rb") as file:  # numpy would leave it open where it is damaged
+                data = np.load(file, allow_pickle=False)
+                if not isinstance(data, Mapping):
+                    raise TypeError("it holds one array")
+                height, width = (int(side) for side in data["image_size"])
+                radius = float(data["nms_radius"]) if "nms_radius" in data else cls.nms_radius
+                points, scores, rows = (_floats(data, name) for name in ("keypoints", "scores", "descriptors"))
+        except Exception as error:  # what numpy, zipfile and zlib raise on a damaged file has no common base
+            reason = (isinstance(error, OSError) and error.strerror) or str(error)
+            raise ElfError(f"{path}: not a feature file: {reason}") from error
+        shapes = (points.shape, scores.shape, rows.shape)
+        if rows.ndim != 2 or points.shape != (len(rows), 2) or scores.shape != (len(rows),):
+            raise ElfError(f"{path}: keypoints, scores and descriptors have shapes {shapes}, not (N, 2), (N,), (N, D)")
+        if min(height, width) < 1 or not radius >= 0:
+            raise ElfError(f"{path}: image_size is {height, width} and nms_radius {radius:g}")
+        return cls(points, scores, rows, (height, width), radius)
+
+
+def _floats(data: Mapping[str, npt.NDArray[Any]], name: str) -> Array:
+    array = data[name]
+    if array.dtype.kind != "f":
+        raise TypeError(f"{name} is of {array.dtype}, not float32")
+    return array.astype(np.float32, copy=False)

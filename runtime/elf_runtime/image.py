@@ -15,6 +15,8 @@ from .errors import ImageError
 Array = npt.NDArray[np.float32]
 ImageLike = npt.NDArray[Any] | str | os.PathLike[str]
 
+_ROUNDING = 1e-6  # how far float pixels may lie outside [0, 1], where they are cut off
+
 
 def read(image: ImageLike) -> npt.NDArray[Any]:
     """The array itself, or the decoded file: BGR or grey, with its bit depth kept.
@@ -50,7 +52,7 @@ def to_pixels(image: npt.NDArray[Any], spec: InputSpec) -> Array:
     ----------
     image : (H, W), (H, W, 1), (H, W, 3) or (H, W, 4) array
         BGR as OpenCV reads it (a fourth channel is dropped); bool, uint8 and uint16 over their full range,
-        floats in [0, 1].
+        floats in [0, 1], a rounding error of 1e-6 beyond cut off.  Any byte order.
 
     Returns
     -------
@@ -59,8 +61,7 @@ def to_pixels(image: npt.NDArray[Any], spec: InputSpec) -> Array:
     Raises
     ------
     ImageError
-        On another dtype or shape, an image below the model's smallest size, NaN or infinite pixels, or floats
-        outside [0, 1].
+        On another dtype or shape, an empty image, NaN or infinite pixels, or floats outside [0, 1].
     """
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]
@@ -68,6 +69,7 @@ def to_pixels(image: npt.NDArray[Any], spec: InputSpec) -> Array:
         raise ImageError(f"an image has shape (H, W), (H, W, 3) or (H, W, 4), not {image.shape}")
     if image.dtype == np.bool_:
         image = image.astype(np.uint8) * np.uint8(255)
+    image = image.astype(image.dtype.newbyteorder("="), copy=False)
     if image.dtype not in (np.uint8, np.uint16) and image.dtype.kind != "f":
         raise ImageError(f"an image is uint8, uint16 or float in [0, 1], not {image.dtype}")
     if 0 in image.shape[:2]:
@@ -78,11 +80,13 @@ def to_pixels(image: npt.NDArray[Any], spec: InputSpec) -> Array:
         low, high = float(image.min()), float(image.max())
         if not (np.isfinite(low) and np.isfinite(high)):
             raise ImageError("the image has NaN or infinite pixels")
-        if low < 0.0 or high > 1.0:
+        if low < -_ROUNDING or high > 1.0 + _ROUNDING:
             raise ImageError(
-                f"float images are in [0, 1], this one is in [{low:g}, {high:g}]; "
+                f"float images are in [0, 1], this one is in [{low:.9g}, {high:.9g}]; "
                 "convert it, or pass 8 or 16 bits as uint8 or uint16"
             )
+        if low < 0.0 or high > 1.0:
+            image = image.clip(0.0, 1.0)
         full = 1.0
     else:
         full = float(np.iinfo(image.dtype).max)
@@ -112,16 +116,16 @@ def resized(pixels: Array, size: tuple[int, int]) -> Array:
 
 
 def is_flat(pixels: Array) -> bool:
-    """True where all pixels of all channels are the same: such an image has no saliency to speak of."""
-    return bool((pixels[0] == pixels.flat[0]).all() and (pixels == pixels.flat[0]).all())
+    """True where all pixels (H, W, C) have the same colour: such an image has no saliency to speak of."""
+    return bool((pixels[0] == pixels[0, 0]).all() and (pixels == pixels[0, 0]).all())
 
 
-def to_mask(mask: Any, size: tuple[int, int], working: tuple[int, int]) -> npt.NDArray[np.bool_]:
-    """A user's mask at the working size; non-zero = keypoints allowed.
+def to_mask(mask: Any, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
+    """A user's mask as booleans; True = keypoints allowed.
 
     Parameters
     ----------
-    mask : (H, W) bool or integer array, of the source image's `size`
+    mask : (H, W) or (H, W, 1) bool or integer array, of the source image's `size`
 
     Raises
     ------
@@ -135,7 +139,4 @@ def to_mask(mask: Any, size: tuple[int, int], working: tuple[int, int]) -> npt.N
         raise ImageError(f"the mask has shape {array.shape}, the image {size}")
     if array.dtype != np.bool_ and array.dtype.kind not in "ui":
         raise ImageError(f"a mask is bool or integer (non-zero = keypoints allowed), not {array.dtype}")
-    allowed = (array != 0).astype(np.uint8)
-    if size != working:
-        allowed = cv2.resize(allowed, working[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
-    return np.asarray(allowed).astype(np.bool_)
+    return np.asarray(array != 0)

@@ -43,6 +43,7 @@ def greedy_nms(
     mask : (H, W) bool
         The candidates.
     radius : int, >= 0
+        One that reaches beyond the map suppresses no more than the whole map.
     limit : int, >= 0, optional
         Keep the first that many in the loop's order.
 
@@ -54,6 +55,7 @@ def greedy_nms(
     taken, best = np.zeros(0, np.intp), np.zeros(0, scores.dtype)
     if limit == 0 or not mask.any():
         return np.zeros((0, 2), np.int64), best
+    radius = min(radius, max(scores.shape) - 1)
     frame = _Frame(scores, mask, radius)
     size, least = frame.values.size, frame.least
     left: Index | None = None  # the candidates, once they are few

@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
+import numpy as np
+
 from .errors import SettingError
 
 Blur = tuple[int, float]
@@ -28,9 +30,12 @@ class DetectionParams:
     threshold : "kapur", "none" or float
         Kapur's maximum-entropy level, no threshold, or a fixed level as a fraction of the normalised saliency.
     nms_radius : int
-        A keypoint suppresses all weaker ones in the square window of ``2 * nms_radius + 1`` source pixels.
+        A keypoint suppresses all weaker ones in a square window around its working pixel.  The window reaches so many
+        source pixels to each side, rounded to the nearest working pixel (at least one, where above 0); sub-pixel
+        places may then be up to a working pixel nearer to each other.
     border : int
-        Source pixels along each edge where no keypoint is taken.
+        Source pixels along each edge where no keypoint is taken: x and y are at least `border`, and at most
+        ``size - 1 - border``.
     max_keypoints : int
         The strongest that many are kept.
     scale : float
@@ -58,7 +63,7 @@ class DetectionParams:
     def __post_init__(self) -> None:
         for name in ("denoise", "threshold_blur"):
             blur = getattr(self, name)
-            ok = isinstance(blur, (tuple, list)) and len(blur) == 2 and _is_int(blur[0]) and _is_number(blur[1])
+            ok = isinstance(blur, (tuple, list)) and len(blur) == 2 and is_int(blur[0]) and _is_number(blur[1])
             if not ok or blur[0] < 1 or blur[0] % 2 == 0 or not 0 < blur[1] < float("inf"):
                 raise SettingError(f"{name} is (mu, sigma) with mu odd and >= 1 and sigma > 0, not {blur!r}")
             object.__setattr__(self, name, (int(blur[0]), float(blur[1])))
@@ -69,8 +74,9 @@ class DetectionParams:
             raise SettingError(f"threshold is 'kapur', 'none' or a number in [0, 1], not {self.threshold!r}")
         for name, least in (("nms_radius", 0), ("border", 0), ("max_keypoints", 0)):
             value = getattr(self, name)
-            if not _is_int(value) or value < least:
+            if not is_int(value) or value < least:
                 raise SettingError(f"{name} is an integer >= {least}, not {value!r}")
+            object.__setattr__(self, name, int(value))
         if not _is_number(self.scale) or not 0.0 < self.scale <= 8.0:
             raise SettingError(f"scale is a number in (0, 8], not {self.scale!r}")
         if not _is_number(self.normalize) or not 0.0 < self.normalize <= 1.0:
@@ -103,12 +109,13 @@ class DetectionParams:
         return cls().updated(**data)
 
 
-def _is_int(value: object) -> bool:
-    return hasattr(value, "__index__") and not isinstance(value, bool)
+def is_int(value: object) -> bool:
+    """Whether it is an integer, of Python or of numpy, and not a bool."""
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
 def _is_number(value: object) -> bool:
-    return _is_int(value) or isinstance(value, float) or (hasattr(value, "__float__") and hasattr(value, "dtype"))
+    return is_int(value) or isinstance(value, float) or (hasattr(value, "__float__") and hasattr(value, "dtype"))
 
 
 _PAPER = DetectionParams(quantize=True)
@@ -122,12 +129,12 @@ _PAPER_BY_NETWORK: dict[str, DetectionParams] = {
 }
 
 # Measured with the bundled model (README.md has the figures).  The blur grows with the working scale: it spans the
-# same part of the scene.
-DEFAULT = DetectionParams(denoise=(5, 1.2), normalize=0.95, nms_radius=6, scale=0.45, subpixel=True)
+# same part of the scene.  The border keeps out what the network's zero padding makes of plain coloured ground.
+DEFAULT = DetectionParams(denoise=(5, 1.2), normalize=0.95, nms_radius=6, border=14, scale=0.45, subpixel=True)
 _OURS: dict[str, DetectionParams] = {
-    "fast": replace(DEFAULT, scale=0.28, denoise=(3, 0.8)),
+    "fast": replace(DEFAULT, scale=0.28, denoise=(3, 0.8), border=20),
     "default": DEFAULT,
-    "accurate": replace(DEFAULT, scale=0.75, denoise=(7, 1.8)),
+    "accurate": replace(DEFAULT, scale=0.75, denoise=(7, 1.8), border=12),
 }
 
 PRESETS: tuple[str, ...] = (*_OURS, "paper", "paper-webcam", "paper-robust", "paper-components")
@@ -136,8 +143,8 @@ PRESETS: tuple[str, ...] = (*_OURS, "paper", "paper-webcam", "paper-robust", "pa
 def preset(name: str, network: str = "vgg") -> DetectionParams:
     """The named settings.
 
-    ``fast``, ``default`` and ``accurate`` are this project's, for its bundled model: a small working scale, half, and
-    three quarters, which places keypoints better.
+    ``fast``, ``default`` and ``accurate`` are this project's, for its bundled model, at working scales of 0.28, 0.45
+    and 0.75: a larger one places keypoints better.
 
     The others are the paper's for `network`, at full resolution, with its 8-bit saliency: ``paper`` is the generic
     setting (HPatches), ``paper-webcam`` the one of the Webcam runs, ``paper-robust`` that of the rotation, scale and

@@ -31,6 +31,7 @@ PASSED: Color = (235, 235, 120)
 
 def displayable(image: npt.NDArray[Any]) -> Picture:
     """Any image that the runtime takes, as BGR uint8: (H, W) or (H, W, 1, 3 or 4) -> (H, W, 3)."""
+    image = image.astype(image.dtype.newbyteorder("="), copy=False)
     if image.dtype == np.bool_:
         image = image.astype(np.uint8) * np.uint8(255)
     elif image.dtype == np.uint16:

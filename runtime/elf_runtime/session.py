@@ -37,19 +37,35 @@ def bundled_model(precision: str = "fp32") -> Path:
 
 
 def is_cpu(providers: Provider | Sequence[Provider] | None) -> bool:
-    """Whether ONNX Runtime's own CPU provider is asked for, and no other."""
-    names = (entry if isinstance(entry, str) else entry[0] for entry in _entries(providers or "cpu"))
-    return all(_full_name(name) == "CPUExecutionProvider" for name in names)
+    """Whether ONNX Runtime's own CPU provider is asked for, and no other.
+
+    Raises
+    ------
+    ProviderError
+        If `providers` is of another type.
+    """
+    return all(_full_name(name) == "CPUExecutionProvider" for name, _ in _entries(providers or "cpu"))
 
 
-def _entries(wanted: Provider | Sequence[Provider]) -> Sequence[Any]:
-    """The providers as a sequence."""
+def _entries(wanted: Provider | Sequence[Provider]) -> list[tuple[str, dict[str, Any] | None]]:
+    """The providers as (name, options or None)."""
     pair = isinstance(wanted, tuple) and len(wanted) == 2 and isinstance(wanted[1], Mapping)
-    return [wanted] if isinstance(wanted, str) or pair else list(wanted)
+    entries: Sequence[Any] = [wanted] if isinstance(wanted, str) or pair else wanted
+    found: list[tuple[str, dict[str, Any] | None]] = []
+    for entry in entries if isinstance(entries, Sequence) else [entries]:
+        if isinstance(entry, str):
+            found.append((entry, None))
+        elif isinstance(entry, Sequence) and len(entry) == 2 and isinstance(entry[0], str):
+            if not isinstance(entry[1], Mapping):
+                raise ProviderError(f"the options of provider {entry[0]!r} are a mapping, not {entry[1]!r}")
+            found.append((entry[0], dict(entry[1])))
+        else:
+            raise ProviderError(f"a provider is a name, or a pair of a name and its options, not {entry!r}")
+    return found
 
 
-def _full_name(name: object) -> str:
-    return _SHORT_NAMES.get(str(name).lower(), str(name))
+def _full_name(name: str) -> str:
+    return _SHORT_NAMES.get(name.lower(), name)
 
 
 def resolve_providers(wanted: Provider | Sequence[Provider] | None, fallback: bool) -> list[Provider]:
@@ -65,7 +81,8 @@ def resolve_providers(wanted: Provider | Sequence[Provider] | None, fallback: bo
     Raises
     ------
     ProviderError
-        If a name is unknown to ONNX Runtime, or, without `fallback`, not in the installed build.
+        If a name is unknown to ONNX Runtime, or, without `fallback`, not in the installed build; or if `wanted` is of
+        another type.
     """
     if wanted is None:
         return ["CPUExecutionProvider"]
@@ -74,15 +91,14 @@ def resolve_providers(wanted: Provider | Sequence[Provider] | None, fallback: bo
         raise ProviderError("the list of providers is empty; leave it out to run on the CPU")
     available, known = ort.get_available_providers(), ort.get_all_providers()
     chosen: list[Provider] = []
-    for entry in entries:
-        name, options = (entry, None) if isinstance(entry, str) else (entry[0], dict(entry[1]))
+    for name, options in entries:
         full = _full_name(name)
         if full not in known and full not in available:
             raise ProviderError(f"unknown provider {name!r}; installed are {available}")
         if full not in available:
             text = f"{full} is not in the installed onnxruntime {ort.__version__}, which has {available}"
             if not fallback:
-                raise ProviderError(f"{text}. Install the build that has it, or ask for fallback=True")
+                raise ProviderError(f"{text}. Install the build that has it, or take one of these")
             warnings.warn(text, RuntimeWarning, stacklevel=4)
             continue
         chosen.append(full if options is None else (full, options))
@@ -98,6 +114,7 @@ def open_session(
     profile: str | None = None,
     dims: Mapping[str, int] | None = None,
     optimize: bool = True,
+    name: str = "<model bytes>",
 ) -> tuple[ort.InferenceSession, str]:
     """Open a model.
 
@@ -115,6 +132,8 @@ def open_session(
         only, and ONNX Runtime fuses for it.  A model in ORT format ignores them.
     optimize : bool
         False opens a session in less than half the time, and memory, to check the model and look at its tensors.
+    name : str
+        How messages call a model that is given as bytes.
 
     Returns
     -------
@@ -147,7 +166,7 @@ def open_session(
     if profile is not None:
         options.enable_profiling = True
         options.profile_file_prefix = profile
-    source, name = _checked(model)
+    source, name = _checked(model, name)
     try:
         session = ort.InferenceSession(source, options, providers=chosen)
     except Exception as error:  # onnxruntime's own exceptions share no base of theirs
@@ -160,7 +179,7 @@ def open_session(
         text = f"{first} is installed but did not start (see onnxruntime's log); active are {active}"
         if not fallback:
             raise ProviderError(text)
-        warnings.warn(text, RuntimeWarning, stacklevel=3)
+        warnings.warn(text, RuntimeWarning, stacklevel=4)
     return session, name
 
 
@@ -168,12 +187,29 @@ def _names(providers: Sequence[Provider]) -> list[str]:
     return [p if isinstance(p, str) else p[0] for p in providers]
 
 
-def _checked(model: str | os.PathLike[str] | bytes) -> tuple[str | bytes, str]:
+def read_model(model: str | os.PathLike[str] | bytes) -> tuple[bytes, str]:
+    """The bytes of a model, and how messages call it.
+
+    Raises
+    ------
+    ModelError
+        If the file is missing, empty or can't be read.
+    """
+    source, name = _checked(model)
+    if isinstance(source, bytes):
+        return source, name
+    try:
+        return Path(source).read_bytes(), name
+    except OSError as error:
+        raise ModelError(f"{name}: {error.strerror or error}") from error
+
+
+def _checked(model: str | os.PathLike[str] | bytes, name: str = "<model bytes>") -> tuple[str | bytes, str]:
     """The model as onnxruntime takes it and its name, after the checks that give the better message."""
     if isinstance(model, bytes):
         if not model:
             raise ModelError("the model is empty (0 bytes)")
-        return model, "<model bytes>"
+        return model, name
     if not isinstance(model, (str, os.PathLike)):
         raise ModelError(f"a model is a path or bytes, not {type(model).__name__}")
     path = Path(model)

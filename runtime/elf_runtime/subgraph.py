@@ -21,10 +21,13 @@ _NODE_INPUT, _NODE_OUTPUT, _NODE_ATTRIBUTE = 1, 2, 5
 _TENSOR_NAME, _VALUE_NAME = 8, 1
 
 
-def with_outputs(source: str | os.PathLike[str] | bytes, outputs: Sequence[str]) -> bytes:
+def with_outputs(
+    source: str | os.PathLike[str] | bytes, outputs: Sequence[str], name: str = "<model bytes>"
+) -> bytes:
     """The model with only these of its outputs, and the nodes and initializers that they need.
 
-    All else (opsets, metadata, inputs) stays as it is, byte for byte.
+    All else (opsets, metadata, inputs) stays as it is, byte for byte.  `name` is how messages call a model that is
+    given as bytes.
 
     Raises
     ------
@@ -32,7 +35,7 @@ def with_outputs(source: str | os.PathLike[str] | bytes, outputs: Sequence[str])
         If the file can't be read, is no model, lacks one of the outputs, or has nodes with graphs of their
         own (which may read any value from outside).
     """
-    name = "<model bytes>" if isinstance(source, bytes) else os.fspath(source)
+    name = name if isinstance(source, bytes) else os.fspath(source)
     try:
         data = source if isinstance(source, bytes) else Path(source).read_bytes()
         return b"".join(

@@ -25,7 +25,7 @@ class Work:
     pixels: Array  # (h, w, C)
     size: tuple[int, int]  # (H, W) of the source
     scale: float
-    allowed: npt.NDArray[np.bool_] | None
+    mask: npt.NDArray[np.bool_] | None  # (H, W)
     textured: bool
 
     @property
@@ -33,7 +33,7 @@ class Work:
         (height, width), (h, w) = self.size, self.pixels.shape[:2]
         return np.array([w / width, h / height])
 
-    def to_source(self, points: Array) -> Array:
+    def to_source(self, points: npt.NDArray[Any]) -> Array:
         """Working to source pixels; the images' corners coincide, not their first pixels' centres."""
         return ((points + 0.5) / self._ratio - 0.5).astype(np.float32)
 
@@ -41,9 +41,54 @@ class Work:
         """Source to working pixels."""
         return ((points + 0.5) * self._ratio - 0.5).astype(np.float32)
 
-    def length(self, pixels: int) -> int:
-        """A length of the source image in working pixels; a positive one stays positive."""
+    def radius(self, pixels: int) -> int:
+        """A length of the source image to the nearest working pixel: at least 1 if positive, at most the image."""
+        most: int = max(self.pixels.shape[:2])
+        if pixels > most / self.scale:
+            return most
         return max(1, round(pixels * self.scale)) if pixels else 0
+
+    def margin(self, border: int) -> tuple[int, int]:
+        """The fewest rows and columns along the edges without which every centre lies `border` source pixels inside.
+
+        The centre of working pixel m lies at (m + 1/2) size / working - 1/2.  In integers: nothing is rounded.
+        """
+        sizes = zip(self.size, self.pixels.shape[:2], strict=True)
+        rows, columns = (min(n, -((size - (2 * border + 1) * n) // (2 * size))) if border else 0 for size, n in sizes)
+        return rows, columns
+
+    def allowed(self) -> npt.NDArray[np.bool_] | None:
+        """(h, w): where the mask has the source pixel of a working pixel's centre; None without a mask."""
+        if self.mask is None:
+            return None
+        h, w = self.pixels.shape[:2]
+        columns, rows = self._source_pixels(np.stack([np.arange(max(h, w))] * 2, axis=1)).T
+        return np.asarray(self.mask[rows[:h, None], columns[:w]])
+
+    def kept_inside(self, refined: Array, found: npt.NDArray[np.int64], border: int) -> Array:
+        """The refined points, those that would leave what border and mask allow back at their whole pixels.
+
+        Parameters
+        ----------
+        refined, found : (N, 2), (x, y) in working pixels
+        border : int
+            In source pixels; 0 holds none back.
+        """
+        stays = np.ones(len(found), np.bool_)
+        if border:
+            height, width = self.size
+            first = min(border, max(self.size))
+            source = self.to_source(refined)
+            stays &= ((source >= first) & (source <= (width - 1 - first, height - 1 - first))).all(axis=1)
+        if self.mask is not None:
+            columns, rows = self._source_pixels(refined).T
+            stays &= self.mask[rows, columns]
+        return np.where(stays[:, None], refined, found.astype(np.float32))
+
+    def _source_pixels(self, points: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+        """The pixels (x, y) of the source image that working points lie in; between two, the even one."""
+        height, width = self.size
+        return np.clip(np.rint(self.to_source(points)), 0, (width - 1, height - 1)).astype(np.int64)
 
 
 def prepared(
@@ -72,8 +117,7 @@ def prepared(
     pixels = images.resized(pixels, spec.size_for(size[0], size[1], scale))
     if spec.is_fixed:
         scale = float(np.sqrt(pixels.shape[0] / size[0] * pixels.shape[1] / size[1]))
-    allowed = images.to_mask(mask, size, pixels.shape[:2]) if mask is not None else None
-    return Work(pixels, size, scale, allowed, textured)
+    return Work(pixels, size, scale, images.to_mask(mask, size) if mask is not None else None, textured)
 
 
 def as_points(points: Any) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -15,6 +14,7 @@ import cv2
 from elf_runtime.canvas import Picture
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError, SettingError
+from elf_runtime.files import write_atomically
 from elf_runtime.params import PRESETS
 
 # What `cv2.imread` of every build decodes; a folder may hold other files too.
@@ -95,7 +95,7 @@ def add_detection_options(parser: argparse.ArgumentParser) -> None:
         "--nms-radius",
         type=int,
         metavar="R",
-        help="a keypoint suppresses weaker ones up to R pixels away in x and y",
+        help="a keypoint suppresses weaker ones within R pixels in x and y, to the nearest pixel at the working scale",
     )
     group.add_argument(
         "--border", type=int, metavar="B", help="no keypoints within B pixels of the image's edges"
@@ -149,18 +149,6 @@ def threshold(text: str) -> str | float:
 def short_name(path: str | Path) -> str:
     """A file's name with its folder's, for titles: what tells ``graf/1.png`` from ``wall/1.png``."""
     return "/".join(Path(path).parts[-2:])
-
-
-def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
-    """Let `write` fill a neighbour of `path`, then put it in place: `path` is whole or as it was."""
-    temporary = path.with_name(f".{path.stem}.part{path.suffix}")
-    try:
-        write(temporary)
-        os.replace(temporary, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
-        raise
 
 
 def write_text(path: Path, text: str) -> None:

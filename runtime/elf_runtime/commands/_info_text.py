@@ -8,6 +8,28 @@ from typing import Any
 
 import onnxruntime as ort
 
+# What the contract's keys of `parity` mean; the errors are the worst of the export's checks.
+_PARITY = {
+    "median_error": "median error of the saliency against float64, of its maximum",
+    "max_error": "largest error of the saliency, of its maximum",
+    "share_above_1e-4": "share of its pixels with an error above 1e-4 of the maximum",
+    "keypoint_agreement": "share of float64's keypoints at the same pixel",
+    "derivative_median_error": "median error of derivatives against central differences, relative",
+    "derivative_max_error": "largest error of derivatives against central differences, relative",
+    "saliency_median_error": "median error of the saliency against the mean of |gradient|, of its maximum",
+    "float32_median_error": "median error of float32's gradient against float64's, of its maximum",
+    "float32_error_of_99_percent": "99 % of float32's gradient against float64's within, of its maximum",
+    "descriptor_error": "largest error of the projected descriptors, of their largest value",
+    "lower_correlation": "correlation of the saliency in {precision} with fp32's",
+    "lower_agreeing": "share of fp32's keypoints that have one in {precision} within a pixel",
+    "lower_keypoints": "keypoints of an image in {precision}",
+    "lower_keypoints_fp32": "keypoints of an image in fp32",
+    "lower_rep": "repeatability between images and views of them in {precision}, %",
+    "lower_rep_fp32": "repeatability between images and views of them in fp32, %",
+    "lower_ms": "matching score between images and views of them in {precision}, %",
+    "lower_ms_fp32": "matching score between images and views of them in fp32, %",
+}
+
 
 def report_text(report: Mapping[str, Any]) -> str:
     """The report of one model, for reading."""
@@ -62,14 +84,22 @@ def _contract_rows(contract: Mapping[str, Any], gflop: Mapping[str, float]) -> l
         rows.append(_row("parameters", f"{int(contract['cost']['params']):,}"))
     costs = [f"{value:.1f} GFLOP per megapixel ({name})" for name, value in gflop.items()]
     rows.append(_row("arithmetic", ", ".join(costs) or "not recorded"))
-    rows += [
-        _row(key, ", ".join(f"{k} {_short(v)}" for k, v in contract[key].items()))
-        for key in ("parity", "versions")
-        if contract[key]
-    ]
+    rows += _parity_rows(contract["parity"], contract["precision"])
+    if contract["versions"]:
+        rows.append(_row("versions", ", ".join(f"{k} {v}" for k, v in contract["versions"].items())))
     if contract["command"]:
         rows.append(_row("made by", contract["command"]))
     return rows
+
+
+def _parity_rows(parity: Mapping[str, float], precision: str) -> list[str]:
+    """A line for each figure, in words; one that this version does not know under its own name."""
+    known = [key for key in _PARITY if key in parity]
+    texts = [
+        f"{_PARITY.get(key, key).format(precision=precision)}: {_short(parity[key])}"
+        for key in (*known, *(key for key in parity if key not in _PARITY))
+    ]
+    return [_row("" if index else "parity", text) for index, text in enumerate(texts)]
 
 
 def _descriptor(spec: Mapping[str, Any]) -> str:

@@ -24,6 +24,7 @@ from . import _common
 from ._bench_table import table
 from ._contenders import PEERS, Contender, Image, float_model, ours, peers, saliencies, synthetic, torch_peer
 from ._fresh import environment, peak_memory, start_up, usable_cores
+from ._outputs import check_outputs
 from ._timing import interleaved
 
 DESCRIPTION = """\
@@ -111,6 +112,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _work(args: argparse.Namespace) -> int:
     wanted = _peer_names(args.peers)
+    check_outputs({"--json": [args.json]}, {"the image": [args.image], "a model": [args.model, args.torch_model]})
     args.threads = args.threads or usable_cores()
     elf = _open(args.model, args)
     photo = displayable(images.read(args.image)) if args.image else None

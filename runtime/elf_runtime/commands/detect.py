@@ -17,12 +17,14 @@ from elf_runtime.render import detection_picture
 
 from . import _common
 from ._inputs import image_files, output_names
+from ._outputs import check_outputs
 
 DESCRIPTION = """\
 Detect ELF keypoints in images and describe them.
 
 For every image NAME.png, DIR gets
-  NAME.npz   keypoints (N, 2) as x, y in pixels, scores (N,), descriptors (N, D), image_size (height, width)
+  NAME.npz   keypoints (N, 2) as x, y in pixels, scores (N,), descriptors (N, D), image_size (height, width),
+             nms_radius
   NAME.csv   x,y,score
   NAME.png   a picture: keypoints, saliency and threshold side by side
 Pixel centres are at whole numbers, (0, 0) is the centre of the top left pixel, as in OpenCV."""
@@ -64,8 +66,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _work(args: argparse.Namespace) -> int:
     paths = image_files(args.images)
     names = output_names(paths)
-    if not args.no_picture:
-        _refuse_to_overwrite(paths, names, args.output)
+    written = [args.output / f"{name}.{ending}" for name in names for ending in _endings(args)]
+    check_outputs(
+        {"-o": written, "--json": [args.json]},
+        {"an input image": paths, "the mask": [args.mask], "the model": [args.model]},
+        made=args.output,
+    )
     elf = _common.open_runtime(args)
     mask = _read_mask(args.mask) if args.mask else None
     args.output.mkdir(parents=True, exist_ok=True)
@@ -97,12 +103,11 @@ def _detect(elf: ElfRuntime, path: Path, stem: Path, mask: Any, args: argparse.N
     pixels = images.read(path)
     trace = elf.trace(pixels, mask=mask, **_common.settings(args))
     seconds = time.perf_counter() - start
-    endings = ["npz", "csv"]
-    for ending in endings:
+    endings = _endings(args)
+    for ending in ("npz", "csv"):
         trace.features.save(f"{stem}.{ending}")
     if not args.no_picture:
         _common.write_picture(Path(f"{stem}.png"), detection_picture(pixels, trace, _common.short_name(path)))
-        endings.append("png")
     return {
         "image": str(path),
         "output": f"{stem}.{endings[0]}, " + ", ".join(f".{ending}" for ending in endings[1:]),
@@ -115,17 +120,15 @@ def _detect(elf: ElfRuntime, path: Path, stem: Path, mask: Any, args: argparse.N
     }
 
 
+def _endings(args: argparse.Namespace) -> list[str]:
+    """Of the files that each image gets."""
+    return ["npz", "csv"] if args.no_picture else ["npz", "csv", "png"]
+
+
 def _read_mask(path: str) -> Any:
     mask = images.read(path)
     # A colour picture of a mask, or one with an alpha channel: black is black in all of its colours.
     return mask if mask.ndim == 2 else mask[:, :, :3].any(axis=2)
-
-
-def _refuse_to_overwrite(paths: Sequence[Path], names: Sequence[str], folder: Path) -> None:
-    inputs = {path.resolve() for path in paths}
-    for name in names:
-        if (folder / f"{name}.png").resolve() in inputs:
-            raise _common.UsageError(f"{folder / name}.png is an input image; give another folder to -o")
 
 
 def _write_summary(args: argparse.Namespace, elf: ElfRuntime, results: list[dict[str, Any]]) -> None:

@@ -25,6 +25,7 @@ from elf_runtime.session import Provider, bundled_model, is_cpu, resolve_provide
 
 from . import _common
 from ._info_text import report_text
+from ._outputs import check_outputs
 
 DESCRIPTION = """\
 Show what an ELF model is: its network and layer, descriptors, default detection settings, the origin of its
@@ -76,6 +77,7 @@ def _work(args: argparse.Namespace) -> int:
         raise _common.UsageError("--option is for the provider that --provider names")
     if args.this_machine and not args.ort:
         raise _common.UsageError("--this-machine is for the file that --ort names")
+    check_outputs({"--ort": [args.ort]}, {"the image": [args.image], "the model": [args.model]})
     options = dict(map(_option, args.option))
     image = pattern() if args.image is None else read(args.image)
     path = Path(args.model) if args.model else bundled_model("int8" if is_cpu(args.provider) else "fp32")

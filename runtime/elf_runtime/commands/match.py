@@ -14,11 +14,13 @@ import numpy as np
 from elf_runtime import image as images
 from elf_runtime.errors import SettingError
 from elf_runtime.features import Features
+from elf_runtime.files import write_atomically
 from elf_runtime.geometry import LEAST_MATCHES, TwoView, fit
 from elf_runtime.matching import match
 from elf_runtime.render import match_picture
 
 from . import _common
+from ._outputs import check_outputs
 
 DESCRIPTION = """\
 Match the ELF keypoints of two images (mutual nearest neighbours in descriptor space) and draw the matches.
@@ -68,15 +70,19 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _work(args: argparse.Namespace) -> int:
     if args.ransac_threshold is not None and not args.ransac:
         raise _common.UsageError("--ransac-threshold needs --ransac homography or --ransac fundamental")
+    reach = 3.0 if args.ransac_threshold is None else args.ransac_threshold
+    if not 0.0 < reach < float("inf"):
+        raise _common.UsageError(f"--ransac-threshold {reach:g}: a distance in pixels is above 0")
     if args.save and args.save.suffix != ".npz":
         raise _common.UsageError(f"--save {args.save}: matches are saved as .npz")
     if args.ratio is not None and not 0.0 < args.ratio < 1.0:
         raise _common.UsageError(f"--ratio {args.ratio:g}: a ratio lies between 0 and 1")
     if not cv2.haveImageWriter(f"x{args.output.suffix}"):
         raise _common.UsageError(f"-o {args.output}: no image format has this ending; use .png or .jpg")
-    targets = {path.resolve() for path in (args.output, args.save) if path}
-    if targets & {Path(args.a).resolve(), Path(args.b).resolve()}:
-        raise _common.UsageError("an output is an input image; give it another name")
+    check_outputs(
+        {"-o": [args.output], "--save": [args.save], "--json": [args.json]},
+        {"an input image": [args.a, args.b], "the model": [args.model]},
+    )
     elf = _common.open_runtime(args)
     if elf.contract.descriptor(args.descriptor) is None:
         raise SettingError(f"{args.model}: exported with --desc none, it can't describe, and so not match")
@@ -84,7 +90,7 @@ def _work(args: argparse.Namespace) -> int:
     first, second = (elf.detect(image, **_common.settings(args)) for image in pixels)
     pairs = match(first, second, args.ratio)
     points = (first.keypoints[pairs[:, 0]], second.keypoints[pairs[:, 1]])
-    view = fit(*points, args.ransac, args.ransac_threshold or 3.0) if args.ransac else None
+    view = fit(*points, args.ransac, reach) if args.ransac else None
 
     text = f"{len(pairs)} matches"
     if view is not None:
@@ -120,7 +126,7 @@ def _save(path: Path, pairs: np.ndarray, found: tuple[Features, Features], view:
         "inliers": view.inliers if view is not None else np.ones(len(pairs), np.bool_),
         "matrix": view.matrix if view is not None and fitted else np.full((3, 3), np.nan),
     }
-    _common.write_atomically(path, lambda temporary: np.savez_compressed(temporary, **arrays))
+    write_atomically(path, lambda temporary: np.savez_compressed(temporary, **arrays))
 
 
 def _write_summary(target: str, found: tuple[Features, Features], matches: int, view: TwoView | None) -> None:

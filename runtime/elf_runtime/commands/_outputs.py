@@ -1,0 +1,73 @@
+"""Whether what a command is to write can be written, and costs no other file: asked before any work is done."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from elf_runtime.errors import ElfError
+
+from ._common import UsageError
+
+
+def check_outputs(
+    outputs: Mapping[str, Sequence[str | Path | None]],
+    inputs: Mapping[str, Sequence[str | Path | None]],
+    made: Path | None = None,
+) -> None:
+    """Refuse outputs that would overwrite an input or one another, or that can't be written.
+
+    Parameters
+    ----------
+    outputs : mapping
+        Option -> its files; None where it is not given, and "-", standard output, are none.
+    inputs : mapping
+        What they are, in words -> files.
+    made : Path, optional
+        The folder of ``-o``, which the command makes, with those above it, before it writes.
+
+    Raises
+    ------
+    UsageError
+        If a file is both an output and an input, or an output twice.
+    ElfError
+        If an output's folder is missing or read-only, or what has an output's name is no file.
+    """
+    taken = {_identity(path): f"is {what}" for what, files in inputs.items() for path in _paths(files)}
+    new = {made.resolve(), *made.resolve().parents} if made is not None else set()
+    if made is not None:
+        _check_folder("-o", next(folder for folder in (made, *made.resolve().parents) if folder.exists()))
+    for option, files in outputs.items():
+        for path in _paths(files):
+            identity = _identity(path)
+            if identity in taken:
+                raise UsageError(f"{option}: {path} {taken[identity]}; give another name or folder")
+            taken[identity] = f"is an output of {option}"
+            if path.exists() and not path.is_file():
+                raise ElfError(f"{option}: {path} exists and is not a file")
+        for folder in {path.parent for path in _paths(files)}:
+            if folder.exists() or folder.resolve() not in new:
+                _check_folder(option, folder)
+
+
+def _paths(files: Sequence[str | Path | None]) -> list[Path]:
+    return [Path(file) for file in files if file is not None and str(file) != "-"]
+
+
+def _check_folder(option: str, folder: Path) -> None:
+    if not folder.exists():
+        raise ElfError(f"{option}: there is no folder {folder}")
+    if not folder.is_dir():
+        raise ElfError(f"{option}: {folder} is not a folder")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ElfError(f"{option}: nothing can be written into the folder {folder}")
+
+
+def _identity(path: Path) -> tuple[int, int] | Path:
+    """The same for all names of one file: links, and other cases where the file system ignores case."""
+    try:
+        status = path.stat()
+    except OSError:
+        return path.resolve()
+    return status.st_dev, status.st_ino
