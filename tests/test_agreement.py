@@ -10,7 +10,7 @@ import numpy as np
 import onnxruntime as ort
 import pytest
 
-from elf_runtime import ElfRuntime, Features, SettingError, engine
+from elf_runtime import ElfRuntime, Features, SettingError, sessions
 from elf_runtime.agreement import agreement, compare, pattern
 from elf_runtime.commands.info import main
 from elf_runtime.session import bundled_model, is_cpu
@@ -93,13 +93,13 @@ class Shifted:
 
 def shift(monkeypatch: pytest.MonkeyPatch, rows: int) -> None:
     """Let every session but the CPU's give shifted maps."""
-    real = engine.open_session
+    real = sessions.open_session
 
     def opened(model: Any, providers: Any = None, **options: Any) -> tuple[Any, str]:
         session, name = real(model, providers=providers, **options)
         return (session if is_cpu(providers) else Shifted(session, rows)), name
 
-    monkeypatch.setattr(engine, "open_session", opened)
+    monkeypatch.setattr(sessions, "open_session", opened)
 
 
 @needs_azure

@@ -17,7 +17,7 @@ import numpy as np
 import onnxruntime as ort
 import pytest
 
-from elf_runtime import ElfRuntime, ModelError, engine
+from elf_runtime import ElfRuntime, ModelError, sessions
 from elf_runtime.agreement import compare, pattern
 from elf_runtime.session import bundled_model
 from helpers import ROOT, TINY, textured
@@ -74,13 +74,13 @@ def test_threads_do_not_move_a_keypoint(threads: int) -> None:
 def count_sessions(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, int]]:
     """The dims of each session that is opened from here on."""
     opened: list[dict[str, int]] = []
-    real = engine.open_session
+    real = sessions.open_session
 
     def spy(*args: Any, **options: Any) -> Any:
         opened.append(dict(options.get("dims") or {}))
         return real(*args, **options)
 
-    monkeypatch.setattr(engine, "open_session", spy)
+    monkeypatch.setattr(sessions, "open_session", spy)
     return opened
 
 
@@ -164,7 +164,7 @@ def test_a_session_that_does_not_open_is_not_laid_to_the_image(monkeypatch: pyte
         raise ModelError("m.onnx: can't load it")
 
     elf = ElfRuntime(TINY)
-    monkeypatch.setattr(engine, "open_session", refused)
+    monkeypatch.setattr(sessions, "open_session", refused)
     with pytest.raises(ModelError, match=r"^m\.onnx: can't load it$"):
         elf.detect(textured(64, 80))
 
@@ -179,7 +179,7 @@ def test_a_copy_opens_the_same_model(tmp_path: Path, given: str, copied: Any) ->
     path.unlink()
     other = copied(elf)
     assert repr(other) == repr(elf)
-    assert (other._options, other._sizes) == (elf._options, 3)
+    assert other._given == elf._given
     np.testing.assert_array_equal(other.detect(image, border=4).keypoints, elf.detect(image, border=4).keypoints)
 
 

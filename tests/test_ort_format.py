@@ -42,7 +42,7 @@ def test_the_contract_survives(converted: Path) -> None:
 
 def test_one_session_serves_all_sizes_and_outputs(converted: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     elf = ElfRuntime(converted, sizes=4)
-    monkeypatch.setattr("elf_runtime.engine.open_session", None)  # another call would raise
+    monkeypatch.setattr("elf_runtime.sessions.open_session", None)  # another call would raise
     for image in IMAGES:
         elf.detect(image)
         elf.saliency(image)

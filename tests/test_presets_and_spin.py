@@ -10,7 +10,7 @@ import numpy as np
 import onnxruntime as ort
 import pytest
 
-from elf_runtime import PRESETS, DetectionParams, ElfRuntime, engine, preset
+from elf_runtime import PRESETS, DetectionParams, ElfRuntime, preset, sessions
 from elf_runtime.session import bundled_model, open_session
 from helpers import TINY, textured
 
@@ -26,7 +26,7 @@ def chosen(monkeypatch: pytest.MonkeyPatch) -> None:
         raise Chosen(name)
 
     monkeypatch.setattr("elf_runtime.session.ort.get_available_providers", ort.get_all_providers)
-    monkeypatch.setattr(engine, "open_session", opened)
+    monkeypatch.setattr(sessions, "open_session", opened)
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def test_where_the_provider_is_missing_the_bundled_file_suits_the_cpu() -> None:
 
 def test_where_the_provider_does_not_start_the_bundled_file_suits_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
     installed = ort.get_available_providers()
-    real, tried = engine.open_session, []
+    real, tried = sessions.open_session, []
 
     def opened(model: Any, providers: Any, **options: Any) -> Any:
         """As ONNX Runtime does: a provider that does not start leaves a session of the CPU."""
@@ -90,7 +90,7 @@ def test_where_the_provider_does_not_start_the_bundled_file_suits_the_cpu(monkey
         return real(model, "cpu", **options)
 
     monkeypatch.setattr("elf_runtime.session.ort.get_available_providers", lambda: [MISSING[0], *installed])
-    monkeypatch.setattr(engine, "open_session", opened)
+    monkeypatch.setattr(sessions, "open_session", opened)
     elf = ElfRuntime(providers=[MISSING[0], "cpu"], fallback=True)
     assert (elf.contract.precision, elf.providers) == ("int8", ["CPUExecutionProvider"])
     elf.detect(textured(64, 80))

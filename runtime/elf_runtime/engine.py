@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,7 +10,6 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-import onnxruntime as ort
 
 from . import image as images
 from .contract import DescriptorSpec, ModelContract
@@ -20,15 +18,12 @@ from .errors import ElfError, ImageError, SettingError
 from .features import Features
 from .image import Array, ImageLike
 from .nms import greedy_nms
-from .ort_format import is_ort_format
 from .params import DetectionParams, is_int, preset
 from .refine import parabola_peaks
-from .session import Provider, bundled_model, is_cpu, open_session, read_model, resolve_providers
-from .subgraph import with_outputs
+from .session import Provider, bundled_model, is_cpu, read_model, resolve_providers
+from .sessions import Sessions
 from .threshold import blurred, passing
 from .work import Stopwatch, Work, as_points, prepared
-
-Shape = tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,30 +117,16 @@ class ElfRuntime:
     def _open(self, given: tuple[bytes, str] | None, options: dict[str, Any], sizes: int) -> None:
         """Open and check the model, (bytes, name), by default the bundled one that suits the provider."""
         providers = resolve_providers(options["providers"], options["fallback"])
-        self._options = {**options, "providers": providers}
         # Integers are for CPUs: other providers would convolve in floats, with roundings in between.
-        self._model, self._name = given or read_model(bundled_model("int8" if is_cpu(providers) else "fp32"))
-        self._divisible = not is_ort_format(self._model)
-        self._sizes = sizes if self._divisible else 0
-        # A session to check the model only, where each size gets its own; another provider has to show that it starts.
-        provisional = self._sizes > 0 and is_cpu(providers)
-        session, _ = open_session(self._model, **self._options, optimize=not provisional, name=self._name)
-        self.providers = list(session.get_providers())
+        model, self._name = given or read_model(bundled_model("int8" if is_cpu(providers) else "fp32"))
+        self._sessions = Sessions(model, self._name, {**options, "providers": providers}, sizes)
+        self.providers = self._sessions.providers
         if is_cpu(self.providers) and not is_cpu(providers):
             # Installed, but it did not start, and need not be tried again for each size.
-            return self._open(given, {**options, "providers": None}, sizes)
-        metadata = session.get_modelmeta().custom_metadata_map
-        self.contract = ModelContract.from_metadata(metadata, self._name)
-        self.contract.check_tensors(session.get_inputs(), session.get_outputs(), self._name)
-        self._outputs = frozenset(tensor.name for tensor in session.get_outputs())
-        self._dims = [dim if isinstance(dim, str) else None for dim in session.get_inputs()[0].shape[:3]]
-        # onnxruntime computes every output of a graph, asked for or not: one session for each set of outputs,
-        # and of those one or two for each size; the least recently used first.
-        self._sessions: dict[tuple[frozenset[str], Shape | None, bool], ort.InferenceSession] = {}
-        if not provisional:
-            self._sessions[self._outputs, None, False] = session
-        self._opening = threading.Lock()
-        return None
+            self._open(given, {**options, "providers": None}, sizes)
+            return
+        self.contract = ModelContract.from_metadata(self._sessions.metadata, self._name)
+        self.contract.check_tensors(self._sessions.inputs, self._sessions.outputs, self._name)
 
     def __getstate__(self) -> dict[str, Any]:
         """What opens the same model again, in any process: its bytes, unless it is the bundled one, and the options."""
@@ -378,7 +359,7 @@ class ElfRuntime:
         self, pixels: Array, specs: Sequence[DescriptorSpec], saliency: bool = True
     ) -> tuple[Array, Mapping[str, Array]]:
         names = ([self.contract.saliency_output] if saliency else []) + [spec.output for spec in specs]
-        session = self._session_for(names, pixels.shape[:3])
+        session = self._sessions.get(names, pixels.shape[:3])
         try:
             values = session.run(names, {self.contract.input.name: pixels})
         except Exception as error:  # onnxruntime's own exceptions share no base of theirs
@@ -386,31 +367,6 @@ class ElfRuntime:
             raise ElfError(f"{self._name}: the network failed on a {pixels.shape} input: {reason}") from error
         by_name = dict(zip(names, values, strict=True))
         return by_name.get(self.contract.saliency_output, np.zeros((len(pixels), 0, 0), np.float32)), by_name
-
-    def _session_for(self, outputs: Sequence[str], shape: Shape) -> ort.InferenceSession:
-        """A session that computes these outputs and no other; where sizes are kept, for this size (N, h, w) alone.
-
-        An image alone has a session of its own too, which fuses more; in all others of that size the batch is free.
-        """
-        wanted = frozenset(outputs) if self._divisible else self._outputs
-        alone, size = shape[0] == 1, shape[1:]
-        key = (wanted, size, alone) if self._sizes else (wanted, None, False)
-        with self._opening:
-            session = self._sessions.pop(key, None)
-            if session is None:
-                fixed = zip(self._dims, shape, (alone, True, True), strict=True) if self._sizes else ()
-                dims = {name: side for name, side, known in fixed if name and known}
-                part = self._model if wanted == self._outputs else with_outputs(self._model, outputs, self._name)
-                session = open_session(part, **self._options, dims=dims, name=self._name)[0]
-                # From here on the session of any size is not needed for these outputs.
-                self._sessions.pop((wanted, None, False), None)
-                mine = [other for other in self._sessions if other[0] == wanted]
-                others = list(dict.fromkeys(other[1] for other in reversed(mine) if other[1] != size))
-                for other in mine:
-                    if other[1] in others[max(0, self._sizes - 1) :]:
-                        del self._sessions[other]
-            self._sessions[key] = session
-            return session
 
     def _finish(
         self,

@@ -1,0 +1,95 @@
+"""The sessions of one model: opened when they are needed, for what is asked for, and for the image sizes in use."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import onnxruntime as ort
+
+from .ort_format import is_ort_format
+from .session import is_cpu, open_session
+from .subgraph import with_outputs
+
+Shape = tuple[int, ...]
+
+
+class Sessions:
+    """ONNX Runtime computes every output of a graph, asked for or not, and fuses more where it knows the image's size.
+
+    So there is a session for each set of outputs, and of those one for each of the image sizes used last, and a second
+    one where images of that size come in batches.  A model in ORT format can be neither cut nor given a size: one
+    session serves all.
+
+    Parameters
+    ----------
+    model : bytes
+    name : str
+        How messages call the model.
+    options : mapping
+        Of `open_session`, ``providers`` as `resolve_providers` gives them.
+    sizes : int
+        For how many image sizes sessions are kept; 0: one session for all sizes.
+
+    Raises
+    ------
+    ModelError, ProviderError
+        As `open_session`: the model is opened once, here.
+
+    Attributes
+    ----------
+    providers : list of str
+        The active ones.
+    metadata : mapping
+    inputs, outputs : lists of onnxruntime.NodeArg
+    """
+
+    def __init__(self, model: bytes, name: str, options: Mapping[str, Any], sizes: int) -> None:
+        self._model, self._name, self._options = model, name, options
+        self._divisible = not is_ort_format(model)
+        self._sizes = sizes if self._divisible else 0
+        # A session to check the model only, where each size gets its own; another provider has to show that it starts.
+        provisional = self._sizes > 0 and is_cpu(options["providers"])
+        session, _ = open_session(model, **options, optimize=not provisional, name=name)
+        self.providers: list[str] = list(session.get_providers())
+        self.metadata: Mapping[str, str] = session.get_modelmeta().custom_metadata_map
+        self.inputs, self.outputs = session.get_inputs(), session.get_outputs()
+        self._all = frozenset(tensor.name for tensor in self.outputs)
+        self._dims = [dim if isinstance(dim, str) else None for dim in self.inputs[0].shape[:3]]
+        # By outputs, size and whether of an image alone; the least recently used first.
+        self._open: dict[tuple[frozenset[str], Shape | None, bool], ort.InferenceSession] = {}
+        if not provisional:
+            self._open[self._all, None, False] = session
+        self._opening = threading.Lock()
+
+    def __len__(self) -> int:
+        return len(self._open)
+
+    def get(self, outputs: Sequence[str], shape: Shape) -> ort.InferenceSession:
+        """A session that computes these outputs and no other; where sizes are kept, for this size (N, h, w) alone.
+
+        An image alone has a session of its own too, which fuses more; in all others of that size the batch is free.
+        """
+        wanted = frozenset(outputs) if self._divisible else self._all
+        alone, size = shape[0] == 1, shape[1:]
+        key = (wanted, size, alone) if self._sizes else (wanted, None, False)
+        with self._opening:
+            session = self._open.pop(key, None)
+            if session is None:
+                fixed = zip(self._dims, shape, (alone, True, True), strict=True) if self._sizes else ()
+                dims = {name: side for name, side, known in fixed if name and known}
+                part = self._model if wanted == self._all else with_outputs(self._model, outputs, self._name)
+                session = open_session(part, **self._options, dims=dims, name=self._name)[0]
+                self._make_room(wanted, size)
+            self._open[key] = session
+            return session
+
+    def _make_room(self, wanted: frozenset[str], size: Shape) -> None:
+        """Drop, of the sessions for the same outputs, those of sizes used longest ago; and the one of any size."""
+        self._open.pop((wanted, None, False), None)
+        mine = [key for key in self._open if key[0] == wanted]
+        others = list(dict.fromkeys(key[1] for key in reversed(mine) if key[1] != size))
+        for key in mine:
+            if key[1] in others[max(0, self._sizes - 1) :]:
+                del self._open[key]
