@@ -21,7 +21,6 @@ from elf_runtime.session import open_session
 from .choice import CLAMPING
 
 MACS = 60  # multiply-adds of a convolution in floats that take as long, less those of one in integers
-EACH = 10  # a depthwise ConvTranspose in floats: for each value of its result
 DEEPER = 4  # copying channels, to have a multiple of four, and convolving the copies: for each value of them all
 LEAVING = 3  # making floats of integers, in another layout: for each value
 WITHIN = frozenset({"Conv", "Mul", "Add", "AveragePool", "Concat"})  # ONNX Runtime fuses these with their roundings
@@ -117,10 +116,8 @@ class _Regions:
         return size if node.op_type in MOVED or node.op_type in WITHIN else 0.0
 
     def _gain_of_conv(self, node: onnx.NodeProto, size: float) -> float:
-        origin = self.origins.get(node.output[0], node.output[0])
-        spread = origin != node.output[0] and node.output[0].startswith(f"{origin}/phase")
         if attributes(node).get("group", 1) > 1:
-            return size * EACH if spread else size
+            return size
         kernel = self.graph.shape(self.makers[node.input[1]].input[0]) or []
         depth = float(np.prod([d for d in kernel[1:] if isinstance(d, int)]))
         return size * depth / MACS
