@@ -10,6 +10,7 @@ import numpy as np
 import onnx
 
 from . import depthwise
+from .joining import known_channels
 from .portable import as_number, step
 from .registry import Context, Gradients, adjoint
 
@@ -82,8 +83,8 @@ def _bound(ctx: Context, index: int, nothing: float) -> str:
 
 def _below(ctx: Context, y: str, high: str) -> str:
     """high - y; of a map of known channels in the blocked layout, which Sub leaves."""
-    bound, shape = ctx.value(high), ctx.shape(ctx.node.input[0]) or []
-    if ctx.channels_last or bound is None or len(shape) != 4 or not isinstance(shape[1], int):
+    bound = ctx.value(high)
+    if ctx.channels_last or bound is None or known_channels(ctx.graph, ctx.node.input[0]) is None:
         return ctx.op("Sub", high, y, role="below_high")
     return depthwise.convolve(ctx, y, [[-1]], [1, 1], "below_high", bias=float(bound))
 

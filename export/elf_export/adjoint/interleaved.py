@@ -49,11 +49,11 @@ def overlaps(ctx: Context, window: Window) -> bool:
 
     Zeros in the padding compete with the values in a window.  They lose where it matters if those are a ReLU's.
     """
-    shape = ctx.shape(ctx.node.input[0])
+    x = ctx.node.input[0]
     plain = (window.kernel, window.strides, window.dilations) == ((3, 3), (2, 2), (1, 1))
-    known = shape is not None and isinstance(shape[1], int) and ctx.dtype(ctx.node.input[0]).kind == "f"
+    known = joining.known_channels(ctx.graph, x) is not None and ctx.dtype(x).kind == "f"
     reach = window.begin is not None and max(window.begin + window.end) <= 1
-    return plain and known and reach and (not window.padded or phases.is_rectified(ctx, ctx.node.input[0]))
+    return plain and known and reach and (not window.padded or phases.is_rectified(ctx, x))
 
 
 def overlapping_max_pool(ctx: Context, grad_y: str, window: Window) -> str:

@@ -96,9 +96,15 @@ def fitted(graph: Graph, full: str, like: str, axis: int, extent: Extent, name: 
 
 def channels_of(graph: Graph, value: str) -> int:
     """C of a forward value (N, C, H, W) that is pooled, or on the way from there to the image."""
-    channels = (graph.shape(value) or [])[1]
-    assert isinstance(channels, int), "phases.splits and phases.apply have seen to that"
+    channels = known_channels(graph, value)
+    assert channels is not None, "phases.splits and phases.apply have seen to that"
     return channels
+
+
+def known_channels(graph: Graph, value: str) -> int | None:
+    """C of a value (N, C, H, W); None if it has another rank, or C is not known."""
+    shape = graph.shape(value) or []
+    return shape[1] if len(shape) == 4 and isinstance(shape[1], int) else None
 
 
 def channels_last(graph: Graph, value: str, name: str) -> str:

@@ -23,7 +23,7 @@ from . import depthwise
 from .activation import room
 from .geometry import Window, flipped, window_of
 from .gradient import Extent, Part, Phases, Rectified
-from .joining import whole
+from .joining import known_channels, whole
 from .portable import step
 from .registry import Context, Rule
 
@@ -36,9 +36,9 @@ PHASES = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 def splits(ctx: Context, window: Window) -> bool:
     """Whether `split_max_pool` can do this MaxPool: 2x2 windows side by side, in 2-D, of a known number of channels."""
-    shape = ctx.shape(ctx.node.input[0])
+    x = ctx.node.input[0]
     plain = (window.kernel, window.strides, window.dilations) == ((2, 2), (2, 2), (1, 1)) and not window.padded
-    return plain and shape is not None and isinstance(shape[1], int) and ctx.dtype(ctx.node.input[0]).kind == "f"
+    return plain and known_channels(ctx.graph, x) is not None and ctx.dtype(x).kind == "f"
 
 
 def split_max_pool(ctx: Context, grad_y: str) -> Phases:
@@ -223,12 +223,6 @@ def _taps(size: int, pad: int, source: int, outputs: Sequence[int]) -> list[tupl
 _ON_PHASES: dict[str, Callable[[Context, Phases], Phases | None]] = {"Relu": relu, "Clip": clip, "Conv": conv}
 
 
-def _channels_are_known(ctx: Context) -> bool:
-    """Whether phases of the gradient of the node's input could be masked and put together: both need its channels."""
-    shape = ctx.shape(ctx.node.input[0])
-    return shape is not None and len(shape) == 4 and isinstance(shape[1], int)
-
-
 def _is_masked(grad: Part | None, y: str) -> bool:
     """Whether the gradient is zero wherever y = max(x, 0) is: made so, or y itself, the seed."""
     return isinstance(grad, str) and (grad == y or (isinstance(grad, Rectified) and grad.unless_positive == y))
@@ -239,7 +233,9 @@ def apply(rule: Rule, ctx: Context, grads: Sequence[Part | None]) -> list[Part |
     (first, *others) = grads
     if ctx.node.op_type == "Relu" and _is_masked(first, ctx.node.output[0]):
         return [str(first)]
-    if isinstance(first, Phases) and not others and ctx.node.op_type in _ON_PHASES and _channels_are_known(ctx):
+    # Phases of its input's gradient could be masked and put together: both need the channels.
+    able = ctx.node.op_type in _ON_PHASES and known_channels(ctx.graph, ctx.node.input[0]) is not None
+    if isinstance(first, Phases) and not others and able:
         passed = _ON_PHASES[ctx.node.op_type](ctx, first)
         if passed is not None:
             return [passed]

@@ -16,14 +16,15 @@ from elf_export.graph import Array
 
 from .geometry import Window
 from .gradient import Extent, Phases
+from .joining import known_channels
 from .phases import FEW, PHASES
 from .registry import Context
 
 
 def suits(ctx: Context, window: Window, weight: Array | None, group: int) -> bool:
     """Whether `conv` can do this Conv, and faster than a ConvTranspose: to an image's few channels, or depthwise."""
-    channels = (ctx.shape(ctx.node.input[0]) or [None, None])[1]
-    if ctx.channels_last or weight is None or window.begin is None or not isinstance(channels, int):
+    channels = known_channels(ctx.graph, ctx.node.input[0])
+    if ctx.channels_last or weight is None or window.begin is None or channels is None:
         return False
     plain = (window.strides, window.dilations) == ((2, 2), (1, 1)) and all(
         begin < k and begin + end <= k
@@ -46,16 +47,15 @@ def conv(ctx: Context, grad_y: str, window: Window, weight: Array, group: int) -
         # (4 I, O, rows, columns): one kernel for all phases.
         shifts = [_shifts(k, p, (0, 1)) for k, p in places]
         kernel = np.concatenate([_kernel(weight, window.begin, phase, shifts).swapaxes(0, 1) for phase in PHASES])
-        pieces = (_piece(ctx, grad_y, window, kernel, shifts, 1, "all"),)
-        return Phases(pieces, ctx.node.input[0], _extent(window) or Extent.BEYOND, clean=False)
-    depthwise = []
-    for phase in PHASES:
-        shifts = [_shifts(k, p, (a,)) for (k, p), a in zip(places, phase, strict=True)]
-        kernel = _kernel(weight, window.begin, phase, shifts)
-        depthwise.append(_piece(ctx, grad_y, window, kernel, shifts, group, "{}{}".format(*phase)))
-    extent = _extent(window)
-    assert extent is not None, "suits has seen to that"
-    return Phases(tuple(depthwise), ctx.node.input[0], extent, clean=False)
+        pieces = [_piece(ctx, grad_y, window, kernel, shifts, 1, "all")]
+    else:
+        pieces = []
+        for phase in PHASES:
+            shifts = [_shifts(k, p, (a,)) for (k, p), a in zip(places, phase, strict=True)]
+            kernel = _kernel(weight, window.begin, phase, shifts)
+            pieces.append(_piece(ctx, grad_y, window, kernel, shifts, group, "{}{}".format(*phase)))
+    # Of the four the axes have one extent.
+    return Phases(tuple(pieces), ctx.node.input[0], _extent(window) or Extent.BEYOND, clean=False)
 
 
 def _shifts(size: int, pad: int, phases: tuple[int, ...]) -> range:
