@@ -254,7 +254,7 @@ def test_no_part_of_a_file_is_left_where_writing_fails(
         raise OSError(28, "No space left on device")
 
     image, out = write(tmp_path / "a.png"), tmp_path / "out"
-    monkeypatch.setattr("elf_runtime.commands._common.os.replace", full)
+    monkeypatch.setattr("elf_runtime.files.os.replace", full)
     assert detect(image, "-o", out) == 1
     assert "No space left" in capsys.readouterr().err
     assert not list(out.glob("*.png"))

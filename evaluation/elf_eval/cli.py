@@ -13,6 +13,7 @@ from pathlib import Path
 import cv2
 
 from elf_runtime import ElfError
+from elf_runtime.files import discard_stdout
 
 from . import compare as comparing
 from . import sweep as sweeping
@@ -39,8 +40,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         args.action(args)
         sys.stdout.flush()
-    except BrokenPipeError:  # the reader, `head` for example, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for the flush at exit
+    except BrokenPipeError:
+        discard_stdout()
         return 1
     except (EvalError, ElfError, OSError) as error:
         print(f"elf-eval: {error}", file=sys.stderr)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 
@@ -27,8 +26,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         else:
             _export(args)
         sys.stdout.flush()
-    except BrokenPipeError:  # the reader, `head` for example, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for the flush at exit
+    except BrokenPipeError:
+        from elf_runtime.files import discard_stdout
+
+        discard_stdout()
         return 1
     except ExportError as error:
         print(f"elf-export: error: {error}", file=sys.stderr)

@@ -15,6 +15,7 @@ import onnxruntime as ort
 import elf_runtime
 from elf_runtime import DescriptorSpec, ModelContract
 from elf_runtime.contract import ReductionSpec
+from elf_runtime.files import write_atomically
 from elf_runtime.session import open_session
 
 from . import verify
@@ -134,11 +135,7 @@ def stamped(model: onnx.ModelProto, contract: ModelContract) -> bytes:
 def write(model: onnx.ModelProto, contract: ModelContract, path: Path) -> None:
     """Put the model with its contract in place in one step."""
     data = stamped(model, contract)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        part.write_bytes(data)
-        os.replace(part, path)
+        write_atomically(path, lambda part: part.write_bytes(data))
     except OSError as error:
         raise ExportError(f"{path}: {error.strerror or error}") from error
-    finally:
-        part.unlink(missing_ok=True)

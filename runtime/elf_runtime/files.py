@@ -1,11 +1,17 @@
-"""Files that are whole or absent."""
+"""Files that are whole or absent, and standard output whose reader has gone."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
+
+
+def discard_stdout() -> None:
+    """Let what is still to be flushed go nowhere: for a command whose reader, `head` for example, has seen enough."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
@@ -16,7 +22,7 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     OSError
         If the system refuses, naming `path` and not the neighbour, of which nothing is left.
     """
-    temporary = path.with_name(f".{path.stem}.part{path.suffix}")
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
         write(temporary)
         os.replace(temporary, path)

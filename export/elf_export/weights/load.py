@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from elf_export.errors import WeightsError
 from elf_export.networks.registry import Network
+from elf_runtime.files import write_atomically
 from elf_runtime.session import bundled_model
 
 from .fingerprint import fingerprint, mismatches
@@ -146,10 +147,4 @@ def _proven(
 
 
 def _store(path: Path, tensors: dict[str, npt.NDArray[np.float32]]) -> None:
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with open(part, "wb") as file:
-            np.savez(file, **tensors)  # type: ignore[arg-type]
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+    write_atomically(path, lambda part: np.savez(part, **tensors))  # type: ignore[arg-type]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ import cv2
 from elf_runtime.canvas import Picture
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError, SettingError
-from elf_runtime.files import write_atomically
+from elf_runtime.files import discard_stdout, write_atomically
 from elf_runtime.params import PRESETS
 
 # What `cv2.imread` of every build decodes; a folder may hold other files too.
@@ -47,8 +46,8 @@ def run(
     except (UsageError, SettingError) as error:
         report(parser.prog, error)
         return USAGE
-    except BrokenPipeError:  # the reader, `head` for example, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for the flush at exit
+    except BrokenPipeError:
+        discard_stdout()
         return FAILED
     except (ElfError, OSError) as error:
         report(parser.prog, error)
