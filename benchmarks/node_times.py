@@ -52,7 +52,7 @@ def kind_of(op: str, name: str, helping: dict[str, str]) -> str:
     base = re.sub(r"(_nchwc|_token_\d+)$", "", name)
     if base in helping:
         return helping[base]
-    if op in CONVOLUTIONS:
+    if op in CONVOLUTIONS and not name.startswith("saliency/"):
         return "convolution"
     if op in POOLING:
         return "pooling"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zlib
 
 import numpy as np
@@ -12,7 +13,7 @@ from onnx import TensorProto, helper, numpy_helper
 from onnx.reference import ReferenceEvaluator
 
 from elf_export.adjoint import build_adjoint
-from elf_export.graph import Graph
+from elf_export.graph import Graph, attributes
 from elf_export.saliency import GRADIENT, SALIENCY, build_gradient, build_saliency
 from helpers import textured
 
@@ -171,6 +172,19 @@ def test_a_chain_to_the_image_is_put_together_only_there(vgg_like: Graph) -> Non
     """Between a pool and the image nothing is interleaved; only the three-channel gradient is."""
     joins = [(node.name, node.op_type) for node in vgg_like.nodes if node.name.endswith("/interleaved")]
     assert joins == [("adj/v4/interleaved", "Reshape"), ("adj/x/interleaved", "DepthToSpace")]
+
+
+@pytest.mark.parametrize("name", ["VGG's first blocks", "a mobile network's blocks"])
+def test_masks_read_no_rows_that_they_do_not_need(name: str) -> None:
+    """A map that has left the caches is read once for its even rows and once for its odd ones; columns likewise."""
+    graph = Graph(chain(*problem(name, (3, 3), (12, 16))[:2]))
+    build_adjoint(graph, graph.model.graph.output[0].name, "x")
+    masks = [node for node in graph.nodes if re.search(r"(mask_\d\d|right_wins_\w+)_difference$", node.name)]
+    assert len(masks) >= 8
+    for node in masks:
+        given = attributes(node)
+        for axis in (0,) if "right_wins" in node.name else (0, 1):
+            assert given["kernel_shape"][axis] == 1 or given["dilations"][axis] == given["strides"][axis] == 2
 
 
 def test_the_four_phases_share_their_weights(vgg_like: Graph) -> None:

@@ -26,6 +26,7 @@ def convolve(
     role: str,
     pads: Sequence[int] = (0, 0, 0, 0),
     bias: float | None = None,
+    dilations: Sequence[int] = (1, 1),
 ) -> str:
     """Each channel of x, which has as many as the node's input, convolved with the same small kernel.
 
@@ -37,14 +38,30 @@ def convolve(
     inputs = [x, ctx.const(np.broadcast_to(kernel, (channels, 1, *size)), f"{role}_kernel", like=like)]
     if bias is not None:
         inputs.append(ctx.const(np.broadcast_to(bias, channels), f"{role}_bias", like=like))
-    return ctx.op("Conv", *inputs, role=role, kernel_shape=size, strides=strides, group=channels, pads=list(pads))
+    return ctx.op(
+        "Conv",
+        *inputs,
+        role=role,
+        kernel_shape=size,
+        strides=strides,
+        group=channels,
+        pads=list(pads),
+        dilations=None if max(dilations) == 1 else list(dilations),
+    )
 
 
 def step(
-    ctx: Context, x: str, kernel: npt.ArrayLike, strides: list[int], role: str, pads: Sequence[int] = (0, 0, 0, 0)
+    ctx: Context,
+    x: str,
+    kernel: npt.ArrayLike,
+    strides: list[int],
+    role: str,
+    pads: Sequence[int] = (0, 0, 0, 0),
+    dilations: Sequence[int] = (1, 1),
 ) -> str:
     """[d > 0] with d = `convolve` of the same arguments."""
-    return portable.step(ctx, convolve(ctx, x, kernel, strides, f"{role}_difference", pads), role)
+    difference = convolve(ctx, x, kernel, strides, f"{role}_difference", pads, dilations=dilations)
+    return portable.step(ctx, difference, role)
 
 
 def minus(ctx: Context, a: str, b: str, role: str) -> str:

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from elf_export.graph import Graph, reduce_mean
 
-from .gradient import Extent, Part, Phases
+from .gradient import Extent, Part
 
 
 def whole(graph: Graph, part: Part) -> str:
@@ -30,26 +32,24 @@ def whole(graph: Graph, part: Part) -> str:
 def mean_magnitude(graph: Graph, part: Part, axis: int, output: str) -> str:
     """abs(v) averaged over the channels, which are `axis` of v: (N, H, W), called `output`.
 
-    Of phases that are side by side in one piece the mean is taken before they are interleaved: a third of the values to
-    move, for an image of three channels.
+    Of phases that are side by side in one piece, one ConvTranspose adds up the channels and interleaves what is left.
     """
     if isinstance(part, str) or len(part.pieces) > 1:
         absolute = graph.op("Abs", whole(graph, part), name=f"{output}/abs")
         return reduce_mean(graph, absolute, axis, f"{output}/mean", keepdims=0, output=output)
-    (piece,) = part.pieces
-    lead = graph.int64s([0, 4, channels_of(graph, part.like)], f"{output}/phases")
-    size = slice_of_shape(graph, piece, 2, 4, f"{output}/size")
-    apart = graph.op(
-        "Reshape", piece, graph.op("Concat", lead, size, name=f"{output}/shape", axis=0), name=f"{output}/apart"
-    )
-    absolute = graph.op("Abs", apart, name=f"{output}/abs")
-    mean = reduce_mean(graph, absolute, 2, f"{output}/phase_means", keepdims=0)
-    joined = whole(graph, Phases((mean,), part.like, part.extent, clean=False))
+    (piece,), channels = part.pieces, channels_of(graph, part.like)
+    absolute = graph.op("Abs", piece, name=f"{output}/abs")
+    places = np.repeat(np.eye(4).reshape(4, 1, 2, 2), channels, axis=0)
+    kernel = graph.const(places, f"{output}/places", graph.dtype(part.like))
+    sums = graph.op("ConvTranspose", absolute, kernel, name=f"{output}/sums", kernel_shape=[2, 2], strides=[2, 2])
+    mean = fitted(graph, sums, part.like, 2, part.extent, f"{output}/cut")
+    if channels > 1:
+        count = graph.const(channels, f"{output}/channels", graph.dtype(part.like))
+        mean = graph.op("Div", mean, count, name=f"{output}/mean")
     as_input = graph.opset >= 13
     axes = [graph.int64s([1], f"{output}/axis")] if as_input else []
-    return graph.op(
-        "Squeeze", joined, *axes, name=f"{output}/mean", outputs=[output], axes=None if as_input else [1]
-    )
+    attributes = {"axes": None if as_input else [1]}
+    return graph.op("Squeeze", mean, *axes, name=f"{output}/map", outputs=[output], **attributes)
 
 
 def interleaved(graph: Graph, pieces: Sequence[str], channels: int, role: str) -> str:

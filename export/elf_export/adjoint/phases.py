@@ -95,9 +95,22 @@ def bottom_wins(ctx: Context, rows: str) -> str:
 
 def right_wins(ctx: Context, row: int) -> str:
     """Of each window's top row (0) or bottom row (1): is the right value the larger one?  (N, C, h, w)."""
-    kernel = np.zeros((2, 2))
-    kernel[row] = -1, 1
-    return depthwise.step(ctx, ctx.node.input[0], kernel, [2, 2], f"right_wins_{('top', 'bottom')[row]}")
+    taps, above, below = _every_second(row, Extent.FLOOR)
+    role = f"right_wins_{('top', 'bottom')[row]}"
+    difference = np.outer(taps, [-1, 1])
+    return depthwise.step(ctx, ctx.node.input[0], difference, [2, 2], role, (above, 0, below, 0), dilations=[2, 1])
+
+
+def _every_second(phase: int, extent: Extent) -> tuple[list[int], int, int]:
+    """Along one axis: the taps, 2 places apart, and the zeros before and behind that give phase 0 or 1 every 2 places.
+
+    Of the places in between none is read: they are half of a map that has long left the caches.
+    """
+    if phase:
+        # Places 2 i - 1 and 2 i + 1, of which the second counts.
+        return [0, 1], 1, {Extent.FLOOR: 0, Extent.CEIL: 1, Extent.BEYOND: 2}[extent]
+    # The last place of an odd number of them is left out by a tap behind it.
+    return ([1, 0], 0, 1) if extent is Extent.FLOOR else ([1], 0, int(extent is Extent.BEYOND))
 
 
 # -- passing phases on -----------------------------------------------------------------------------------------
@@ -123,11 +136,9 @@ def _masked(ctx: Context, grad: Phases, v: str) -> Phases | None:
         return None
     pieces = []
     for (a, b), piece in zip(PHASES, grad.pieces, strict=True):
-        # Of phases that end with the last window of 2x2, none may begin at a last odd row or column.
-        pick = np.zeros((2, 2) if grad.extent is Extent.FLOOR else (a + 1, b + 1))
-        pick[a, b] = 1
-        more = {Extent.FLOOR: (0, 0), Extent.CEIL: (a, b), Extent.BEYOND: (a + 1, b + 1)}[grad.extent]
-        mask = depthwise.step(ctx, v, pick, [2, 2], f"mask_{a}{b}", (0, 0, *more))
+        (rows, above, below), (columns, left, right) = (_every_second(c, grad.extent) for c in (a, b))
+        pads, pick = (above, left, below, right), np.outer(rows, columns)
+        mask = depthwise.step(ctx, v, pick, [2, 2], f"mask_{a}{b}", pads, dilations=[2, 2])
         pieces.append(ctx.op("Mul", piece, mask, role=f"dx_{a}{b}"))
     # Beyond v's edge the masks are zero, and with them the products.
     return Phases(tuple(pieces), ctx.node.input[0], grad.extent)
