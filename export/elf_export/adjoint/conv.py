@@ -22,7 +22,7 @@ def conv(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
 
     Stride 1: again a convolution, the kernel flipped and its channels transposed, pads k - 1 - p; it stays in
     the blocked layout in which ONNX Runtime convolves, and ConvTranspose does not.
-    Stride 2 to an image's few channels, or depthwise: a convolution for each phase of dx, see `strided`.
+    Strided, to an image's few channels or depthwise: a convolution for each phase of dx, see `strided`.
     Otherwise ConvTranspose, whose kernel layout (C_in = O, C_out/g = I/g) is W's own.  Up to s - 1 trailing
     pixels were never covered by a window: output_padding makes room for them, and what is beyond x is cut.
     """

@@ -21,7 +21,7 @@ class Phases:
 
     Attributes
     ----------
-    pieces : four values, or one with the four side by side along the channels
+    pieces : four values, or one with all of them side by side along the channels
         v_00, v_01, v_10, v_11, each (N, C, h, w).
     extent : Extent
         Of h and w.  One piece, which is only put together and cut, may be of BEYOND along one axis and of CEIL along
@@ -30,6 +30,8 @@ class Phases:
         Whether what the pieces hold beyond H and W is zero.
     zero_unless_positive : str, optional
         A forward value; v is zero wherever it is not positive.
+    step : int
+        Places from one value of a phase to the next.  One piece holds step^2 phases.
     """
 
     pieces: tuple[str, ...]
@@ -37,6 +39,7 @@ class Phases:
     extent: Extent = Extent.FLOOR
     clean: bool = True
     zero_unless_positive: str | None = None
+    step: int = 2
 
 
 class Rectified(str):

@@ -23,7 +23,7 @@ def whole(graph: Graph, part: Part) -> str:
         return part
     role = f"adj/{part.like}"
     if len(part.pieces) == 1:
-        full = graph.op("DepthToSpace", *part.pieces, name=f"{role}/interleaved", blocksize=2, mode="DCR")
+        full = graph.op("DepthToSpace", *part.pieces, name=f"{role}/interleaved", blocksize=part.step, mode="DCR")
         return fitted(graph, full, part.like, 2, part.extent, f"{role}/whole")
     full = interleaved(graph, part.pieces, channels_of(graph, part.like), role)
     return channels_first(graph, fitted(graph, full, part.like, 1, part.extent, f"{role}/whole_nhwc"), f"{role}/whole")
@@ -37,11 +37,11 @@ def mean_magnitude(graph: Graph, part: Part, axis: int, output: str) -> str:
     if isinstance(part, str) or len(part.pieces) > 1:
         absolute = graph.op("Abs", whole(graph, part), name=f"{output}/abs")
         return reduce_mean(graph, absolute, axis, f"{output}/mean", keepdims=0, output=output)
-    (piece,), channels = part.pieces, channels_of(graph, part.like)
+    (piece,), size, channels = part.pieces, [part.step] * 2, channels_of(graph, part.like)
     absolute = graph.op("Abs", piece, name=f"{output}/abs")
-    places = np.repeat(np.eye(4).reshape(4, 1, 2, 2), channels, axis=0)
+    places = np.repeat(np.eye(part.step**2).reshape(-1, 1, *size), channels, axis=0)
     kernel = graph.const(places, f"{output}/places", graph.dtype(part.like))
-    sums = graph.op("ConvTranspose", absolute, kernel, name=f"{output}/sums", kernel_shape=[2, 2], strides=[2, 2])
+    sums = graph.op("ConvTranspose", absolute, kernel, name=f"{output}/sums", kernel_shape=size, strides=size)
     mean = fitted(graph, sums, part.like, 2, part.extent, f"{output}/cut")
     if channels > 1:
         count = graph.const(channels, f"{output}/channels", graph.dtype(part.like))
