@@ -172,7 +172,7 @@ def test_a_mistake_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     mistakes: list[tuple[str, object, list[Callable[[], None]]]] = [
         ("_kernel", further, [exact, depthwise]),
         ("PHASES", phases[::-1], [depthwise]),
-        ("_overhang", lambda window: [1, 1], [of_more_phases]),
+        ("_overhang", lambda _: [1, 1], [of_more_phases]),
     ]
     for name, wrong, tests in mistakes:
         with monkeypatch.context() as patch:

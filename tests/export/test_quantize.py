@@ -337,7 +337,8 @@ def test_masks_are_exact(network: Network) -> None:
             kernel = torch.tensor(graph.constant(difference.input[1]).astype(np.float64))
             top, left, bottom, right = given.get("pads", [0] * 4)
             q = torch.nn.functional.pad(q, (left, right, top, bottom))
-            wanted = torch.nn.functional.conv2d(q, kernel, None, given.get("strides", 1), groups=given["group"]) > 0
+            form = given.get("strides", 1), 0, given.get("dilations", 1), given["group"]
+            wanted = torch.nn.functional.conv2d(q, kernel, None, *form) > 0
         np.testing.assert_array_equal(found[f"{mask}/q"], 255 * wanted.numpy(), err_msg=mask)
 
 
