@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from pathlib import Path
 
 import cv2
@@ -12,6 +13,7 @@ import onnxruntime as ort
 import pytest
 
 from elf_runtime import ElfRuntime, Features
+from elf_runtime import image as images
 from elf_runtime.commands._contenders import synthetic
 from elf_runtime.commands._inputs import image_files, output_names
 from elf_runtime.commands.detect import main
@@ -85,6 +87,27 @@ def test_a_bad_image_among_good_ones(tmp_path: Path, capsys: pytest.CaptureFixtu
     images = json.loads(summary.read_text())["images"]
     assert ["error" in entry for entry in images] == [False, True, True, False]
     assert images[0]["keypoints"] == len(Features.load(out / "good.npz"))
+
+
+def test_a_folder_is_made_only_for_what_goes_into_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    small = write(tmp_path / "small.png", size=(8, 8))
+    assert detect(small, "-o", tmp_path / "new") == 1
+    assert f"{small}: the image has 8x8 pixels" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+    assert detect(small, "-o", tmp_path / "new", "--json", tmp_path / "new" / "summary.json") == 1
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["summary.json"]
+
+
+def test_the_stages_hold_the_time_that_decoding_takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def slowly(path: Path) -> np.ndarray:
+        time.sleep(0.05)
+        return read(path)
+
+    read = images.read
+    monkeypatch.setattr(images, "read", slowly)
+    assert detect(write(tmp_path / "a.png"), "-o", tmp_path / "out", "--json", tmp_path / "s.json") == 0
+    (summary,) = json.loads((tmp_path / "s.json").read_text())["images"]
+    assert 0.05 <= summary["stages"]["read"] <= summary["seconds"]
 
 
 def test_a_summary_on_standard_output_is_alone_there(

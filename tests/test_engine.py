@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import threading
 from pathlib import Path
@@ -289,6 +290,23 @@ def test_images_that_are_refused(elf: ElfRuntime, image: object, error: str) -> 
     for call in (elf.detect, elf.saliency):
         with pytest.raises(ImageError, match=error):
             call(image)  # type: ignore[operator]
+
+
+def test_what_is_wrong_is_said_of_the_image_that_it_is_wrong_with(
+    elf: ElfRuntime, image: np.ndarray, tmp_path: Path
+) -> None:
+    small = image[:8, :8]
+    cv2.imwrite(str(tmp_path / "small.png"), small)
+    path = tmp_path / "small.png"
+    for call in (elf.detect, elf.saliency, lambda source: elf.describe(source, [(1.0, 1.0)])):
+        with pytest.raises(ImageError, match=f"^{re.escape(str(path))}: the image has 8x8 pixels"):
+            call(path)
+        with pytest.raises(ImageError, match=r"^the image has 8x8 pixels"):
+            call(small)
+    with pytest.raises(ImageError, match=r"^image 1 of the batch: the image has 8x8 pixels"):
+        elf.detect_batch([image, small])
+    with pytest.raises(ImageError, match=f"^{re.escape(str(path))}: the image has"):
+        elf.detect_batch([image, path])
 
 
 def test_a_mask_of_another_shape(elf: ElfRuntime, image: np.ndarray) -> None:

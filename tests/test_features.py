@@ -80,6 +80,9 @@ def test_other_files(tmp_path: Path) -> None:
     for path in (tmp_path / "a.npy", tmp_path / "b.npz", tmp_path / "c.npz", tmp_path):
         with pytest.raises(ElfError, match=f"{path.name}: not a feature file: "):
             Features.load(path)
+    (tmp_path / "d.npz").write_text("x,y,score")
+    with pytest.raises(ElfError, match=r"d\.npz: not a feature file: it is no \.npz archive$"):
+        Features.load(tmp_path / "d.npz")
     with pytest.raises(ElfError, match=r"absent\.npz: not a feature file: No such file or directory$"):
         Features.load(tmp_path / "absent.npz")
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from elf_runtime import ElfRuntime, preset
+from elf_runtime.onnx_file import read_onnx
 from elf_runtime.session import BUNDLED, bundled_model
 from helpers import ROOT
 
@@ -54,6 +55,22 @@ def test_the_contract_is_the_one_described() -> None:
         f"nms_radius {params.nms_radius}, border {params.border}, at most {params.max_keypoints} keypoints",
     ):
         assert text in CARD, text
+
+
+def test_ops_and_arithmetic_are_those_described() -> None:
+    ops = {precision: len(read_onnx(bundled_model(precision)).nodes) for precision in BUNDLED}
+    assert f"{ops['fp32']} (fp32) and {ops['int8']} (int8) standard ops" in CARD
+    full, lower = (ElfRuntime(bundled_model(precision)).contract.cost for precision in ("fp32", "int8"))
+    saliency, described, described_in_floats = (
+        f"{cost[name]:,.0f}".replace(",", " ")
+        for cost, name in (
+            (lower, "saliency_macs_per_pixel"),
+            (lower, "descriptors_macs_per_pixel"),
+            (full, "descriptors_macs_per_pixel"),
+        )
+    )
+    text = f"{saliency} multiply-adds per pixel for the saliency, {described} with the descriptors"
+    assert f"{text} (int8; in fp32 {described_in_floats})" in CARD
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.relative_to(ROOT).as_posix())

@@ -18,7 +18,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         import onnx  # noqa: F401
     except ImportError:
-        print("elf-export: error: exporting needs more: pip install 'elf-onnx[export]'", file=sys.stderr)
+        print("elf-export: error: exporting needs torch and onnx, the extra 'export' (see Install)", file=sys.stderr)
         return 1
     try:
         if args.list:

@@ -115,6 +115,8 @@ def export_network(
     network.check_layers([layer, *own])
     for other, its_layers in described.items():
         others[other].check_layers(its_layers)
+    if desc_weights is not None and not others:
+        raise ExportError(f"--desc-weights {desc_weights}: no other network describes (--desc NET:LAYER)")
     path = check_output(output or f"elf-{name}-{layer}.onnx", force)
     check_opset(opset)
     images = calibration_set(calibration)
@@ -142,7 +144,7 @@ def export_network(
     weights_words = weights_arguments("--weights", network, layers, weights, loaded)
     for other, its_layers in described.items():
         other_network = others[other]
-        its_weights = load_weights(other_network, its_layers, desc_weights, offline, log)
+        its_weights = load_weights(other_network, its_layers, desc_weights, offline, log, "--desc-weights")
         its_module = other_network.build(its_weights.tensors, its_layers)
         its_forward = torch_to_onnx(its_module, its_layers, other_network.preprocessing.channels, opset)
         model = attach(model, its_forward, other, its_layers, other_network.preprocessing, color)

@@ -44,12 +44,16 @@ def check_opset(opset: int) -> None:
 def check_output(output: str | os.PathLike[str], force: bool) -> Path:
     """The path to write to, once it is sure that writing there is wanted and possible."""
     path = Path(output)
+    if path.suffix.lower() != ".onnx":
+        raise ExportError(f"{path}: a model's name ends in .onnx (elf-info --ort makes an .ort file of one)")
     if path.is_dir():
         raise ExportError(f"{path} is a folder; --output names a file")
     if path.exists() and not force:
         raise ExportError(f"{path} exists; --force overwrites it")
     if not path.parent.is_dir():
         raise ExportError(f"{path.parent}: no such folder")
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise ExportError(f"nothing can be written into the folder {path.parent}")
     return path
 
 

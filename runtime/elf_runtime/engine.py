@@ -214,7 +214,7 @@ class ElfRuntime:
         watch = Stopwatch()
         with watch("read"):
             array = images.read(image)
-        with watch("prepare"):
+        with watch("prepare"), images.named(image):
             work = self._prepare(array, params, mask)
         with watch("session"):
             saliency, maps = self._run(work.pixels[None], [spec] if spec else []) if work.textured else (None, {})
@@ -267,7 +267,9 @@ class ElfRuntime:
             group.clear()
 
         for i, item in enumerate(batch):
-            work = self._prepare(images.read(item), params, masks[i] if masks is not None else None)
+            array = images.read(item)
+            with images.named(item, f"image {i} of the batch"):
+                work = self._prepare(array, params, masks[i] if masks is not None else None)
             if group and (len(group) == most or work.pixels.shape != group[0].pixels.shape):
                 flush()
             group.append(work)
@@ -284,7 +286,8 @@ class ElfRuntime:
             At the size of the source image (interpolated where the working scale is not 1); zero for a flat image.
         """
         array = images.read(image)
-        work = self._prepare(array, self.params(None, scale=scale), None)
+        with images.named(image):
+            work = self._prepare(array, self.params(None, scale=scale), None)
         if not work.textured:
             return np.zeros(work.size, np.float32)
         found: Array = self._run(work.pixels[None], [])[0][0]
@@ -318,7 +321,9 @@ class ElfRuntime:
         if spec is None:
             raise SettingError(f"{self._name}: exported with --desc none, it can't describe")
         where = as_points(points)
-        work = self._prepare(images.read(image), self.params(None, scale=scale), None)
+        array = images.read(image)
+        with images.named(image):
+            work = self._prepare(array, self.params(None, scale=scale), None)
         if len(where) == 0:
             return np.zeros((0, spec.dim), np.float32)
         maps = self._run(work.pixels[None], [spec], saliency=False)[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -100,9 +101,10 @@ class Features:
         """
         try:
             with open(path, "rb") as file:  # numpy would leave it open where it is damaged
+                if not zipfile.is_zipfile(file):
+                    raise TypeError("it is no .npz archive")
+                file.seek(0)
                 data = np.load(file, allow_pickle=False)
-                if not isinstance(data, Mapping):
-                    raise TypeError("it holds one array")
                 height, width = (int(side) for side in data["image_size"])
                 radius = float(data["nms_radius"]) if "nms_radius" in data else cls.nms_radius
                 points, scores, rows = (_floats(data, name) for name in ("keypoints", "scores", "descriptors"))

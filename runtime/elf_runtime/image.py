@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import cv2
@@ -43,6 +45,16 @@ def read(image: ImageLike) -> npt.NDArray[Any]:
     if pixels is None:
         raise ImageError(f"{path}: not an image that OpenCV can decode")
     return np.asarray(pixels)
+
+
+@contextmanager
+def named(image: ImageLike, place: str = "") -> Iterator[None]:
+    """What is wrong with the image is said of its path, or of `place` in a batch."""
+    label = place if isinstance(image, np.ndarray) else os.fspath(image)
+    try:
+        yield
+    except ImageError as error:
+        raise ImageError(f"{label}: {error}" if label else str(error)) from error
 
 
 def to_pixels(image: npt.NDArray[Any], spec: InputSpec) -> Array:

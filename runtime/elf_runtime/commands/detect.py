@@ -74,7 +74,6 @@ def _work(args: argparse.Namespace) -> int:
     )
     elf = _common.open_runtime(args)
     mask = _read_mask(args.mask) if args.mask else None
-    args.output.mkdir(parents=True, exist_ok=True)
     # The summary alone goes to standard output where it is asked for there.
     progress = sys.stderr if args.json == "-" else sys.stdout
     results = []
@@ -101,9 +100,12 @@ def _work(args: argparse.Namespace) -> int:
 def _detect(elf: ElfRuntime, path: Path, stem: Path, mask: Any, args: argparse.Namespace) -> dict[str, Any]:
     start = time.perf_counter()
     pixels = images.read(path)
-    trace = elf.trace(pixels, mask=mask, **_common.settings(args))
+    read = time.perf_counter() - start
+    with images.named(path):
+        trace = elf.trace(pixels, mask=mask, **_common.settings(args))
     seconds = time.perf_counter() - start
     endings = _endings(args)
+    stem.parent.mkdir(parents=True, exist_ok=True)
     for ending in ("npz", "csv"):
         trace.features.save(f"{stem}.{ending}")
     if not args.no_picture:
@@ -116,7 +118,7 @@ def _detect(elf: ElfRuntime, path: Path, stem: Path, mask: Any, args: argparse.N
         "keypoints": len(trace.features),
         "passed": float(trace.mask.mean()),
         "seconds": seconds,
-        "stages": trace.seconds,
+        "stages": trace.seconds | {"read": read},
     }
 
 
@@ -148,6 +150,7 @@ def _write_summary(args: argparse.Namespace, elf: ElfRuntime, results: list[dict
     if args.json == "-":
         sys.stdout.write(text)
     else:
+        Path(args.json).parent.mkdir(parents=True, exist_ok=True)
         _common.write_text(Path(args.json), text)
 
 
