@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable, Mapping
 
 from .cache import default_folder
@@ -36,19 +37,19 @@ def build_parser(actions: Mapping[str, Callable[[argparse.Namespace], None]]) ->
     one.set_defaults(action=actions["run"])
 
     one = commands.add_parser("report", help="tables, plots and page of a results file, again")
-    one.add_argument("results")
+    one.add_argument("results", help="results.json of elf-eval run")
     one.add_argument("--suite", help="its title, notes and tables")
     one.add_argument("--out", help="by default the folder of the results")
     one.set_defaults(action=actions["report"])
 
     one = commands.add_parser("compare", help="what changed between two results, and whether it is noise")
-    one.add_argument("a")
-    one.add_argument("b")
+    one.add_argument("a", help="results.json of the first run")
+    one.add_argument("b", help="results.json of the second, from which the first's values are taken away")
     one.add_argument("--method-a", help="hold this method of the first against --method-b of the second")
-    one.add_argument("--method-b")
+    one.add_argument("--method-b", help="the other method, with --method-a")
     one.add_argument("--metrics", help=f"comma-separated; by default {','.join(METRICS)}")
     one.add_argument(
-        "--unit", choices=("scene", "pair"), default="scene", help="what the bootstrap resamples"
+        "--unit", choices=("scene", "pair"), default="scene", help="what the bootstrap resamples (%(default)s)"
     )
     one.set_defaults(action=actions["compare"])
 
@@ -78,12 +79,12 @@ def build_parser(actions: Mapping[str, Callable[[argparse.Namespace], None]]) ->
     one.add_argument(
         "--grid", action="append", default=[], help="SETTING=VALUE/VALUE/..., e.g. denoise=5,5/5,2"
     )
-    one.add_argument("--dataset", required=True)
+    one.add_argument("--dataset", required=True, help="kind:FOLDER[?option=value&...]")
     one.add_argument("--tune", help="comma-separated scenes to choose on; by default every second one")
-    one.add_argument("--metric", default="ms")
-    one.add_argument("--top", type=_positive, default=5, help="report so many")
+    one.add_argument("--metric", default="ms", help="what to choose by (%(default)s)")
+    one.add_argument("--top", type=_positive, default=5, help="report so many (%(default)s)")
     one.add_argument("--limit", type=_positive, help="try only so many settings, drawn at random")
-    one.add_argument("--seed", type=int, default=0, help="of the draw")
+    one.add_argument("--seed", type=int, default=0, help="of the draw (%(default)s)")
     _add_protocol(one)
     _add_resources(one)
     one.set_defaults(action=actions["sweep"])
@@ -91,8 +92,8 @@ def build_parser(actions: Mapping[str, Callable[[argparse.Namespace], None]]) ->
     one = commands.add_parser(
         "images", help="write a dataset's images as evaluated, for another program's features"
     )
-    one.add_argument("dataset")
-    one.add_argument("--out", required=True)
+    one.add_argument("dataset", help="kind:FOLDER[?option=value&...]")
+    one.add_argument("--out", required=True, help="folder of the images; each gets its name in the dataset, as .png")
     one.add_argument("--size", type=_size, help="WIDTHxHEIGHT or source")
     one.set_defaults(action=actions["images"])
 
@@ -120,11 +121,13 @@ def _add_resources(parser: argparse.ArgumentParser) -> None:
 def _size(text: str) -> str | tuple[int, int]:
     if text == "source":
         return text
-    width, _, height = text.partition("x")
-    return int(width), int(height)
+    match = re.fullmatch("([1-9][0-9]*)x([1-9][0-9]*)", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is not WIDTHxHEIGHT or source")
+    return int(match[1]), int(match[2])
 
 
 def _positive(text: str) -> int:
-    if int(text) < 1:
-        raise ValueError
+    if re.fullmatch("0*[1-9][0-9]*", text) is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 on")
     return int(text)

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from .errors import EvalError
+from .metric_names import check, is_share
 from .metrics import paired_difference
 from .metrics.statistics import Difference
-from .report.summary import scene_means
+from .report.summary import metrics_in, scene_means
 from .results import PairResult, Results
 
 METRICS = ("rep", "ms", "mma@3", "h_auc@3", "pose_auc@10", "n1")
@@ -29,7 +30,7 @@ class Comparison:
 def compare(
     a: Results,
     b: Results,
-    metrics: tuple[str, ...] = METRICS,
+    metrics: tuple[str, ...] | None = None,
     methods: tuple[str, str] | None = None,
     unit: str = "scene",
 ) -> list[Comparison]:
@@ -37,6 +38,8 @@ def compare(
 
     Parameters
     ----------
+    metrics : names, optional
+        By default those of `METRICS` that the results have.
     methods : (in a, in b), optional
         Two methods to hold against each other; by default every method that both have under the same name.
     unit : "scene" or "pair"
@@ -46,17 +49,18 @@ def compare(
     Raises
     ------
     EvalError
-        If there is nothing that both have, or a metric is an error: those have no value where nothing was
-        found, so that their means would reward failure.
+        If there is nothing that both have, or nothing of one of the `metrics`; if one is unknown or can't be
+        averaged (`metric_names.check`).
     """
-    if errors := [m for m in metrics if m.endswith("_error")]:
-        raise EvalError(f"{errors} can't be averaged, failures have none; compare h_auc@... or pose_auc@...")
-    found = list(_comparisons(a, b, metrics, methods, unit))
+    check(metrics or (), metrics_in([*a.pairs, *b.pairs]), "these results have")
+    found = list(_comparisons(a, b, metrics or METRICS, methods, unit))
     if not found:
         names = [sorted({p.method for p in r.pairs}) for r in (a, b)]
         raise EvalError(
             f"nothing to compare: the methods are {names[0]} and {names[1]}; or the pairs all differ"
         )
+    if absent := [m for m in metrics or () if m not in {c.metric for c in found}]:
+        raise EvalError(f"nothing to compare by {', '.join(absent)}: no pair has it on both sides")
     return found
 
 
@@ -119,11 +123,6 @@ def table(comparisons: list[Comparison]) -> str:
             f"{d.p:6.3f}  {verdict(c)}"
         )
     return "\n".join(lines)
-
-
-def is_share(metric: str) -> bool:
-    """Whether a metric is a share in [0, 1], of which more is better; the others are counts."""
-    return metric in ("rep", "ms") or "@" in metric
 
 
 def verdict(c: Comparison) -> str:

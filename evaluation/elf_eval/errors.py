@@ -1,7 +1,18 @@
-"""The one error that the evaluation raises on purpose."""
+"""The one error that the evaluation raises on purpose, and the system's in the same words."""
 
 from __future__ import annotations
 
 
 class EvalError(Exception):
     """What was wrong (file, pair, option), what was expected, and what to do next."""
+
+
+def reason(error: BaseException) -> str:
+    """The error's text; an OSError's without its number and file."""
+    return (isinstance(error, OSError) and error.strerror) or str(error)
+
+
+def explained(error: BaseException) -> str:
+    """`reason`, behind the file where an OSError has one."""
+    file = error.filename if isinstance(error, OSError) else None
+    return f"{file}: {reason(error)}" if file else reason(error)

@@ -14,7 +14,7 @@ class PairLog:
     Parameters
     ----------
     path : Path, optional
-        Lines of an earlier run are read, new ones appended; None keeps nothing.
+        Lines of an earlier run are read, new ones appended, the first of which makes the folder; None keeps nothing.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -35,5 +35,6 @@ class PairLog:
         """Remember and write a pair."""
         self.done[key] = values
         if self._path is not None:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
             with open(self._path, "a") as file:
                 file.write(json.dumps([key, values]) + "\n")

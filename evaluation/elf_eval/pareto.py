@@ -16,7 +16,7 @@ from elf_runtime.commands._timing import interleaved
 from elf_runtime.statistics import Interval, median_interval, paired_ratio
 
 from .alone import Alone
-from .errors import EvalError
+from .errors import EvalError, reason
 from .geometry import Size
 from .images import ImageRef
 from .report.summary import Keypoints, keypoints, scene_means, summarize
@@ -90,7 +90,9 @@ class Study:
                     f"{path}: schema {data['schema']}, this version reads {SCHEMA}; measure again"
                 )
             return cls([_point(entry) for entry in data["points"]], data["about"])
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except OSError as error:
+            raise EvalError(f"{path}: {reason(error)}") from error
+        except (ValueError, KeyError, TypeError) as error:
             raise EvalError(f"{path}: not the data of elf-eval pareto: {error}") from error
 
 
@@ -138,7 +140,7 @@ def study(
     photo = ImageRef(image.name, image)
     size = tuple(size) if size else None
     width, height = photo.open(size).size
-    samples = _times([_start(suite, entry, photo, size, limit, threads) for entry in entries], repeats, warmup)
+    samples = _times([partial(_start, suite, entry, photo, size, limit, threads) for entry in entries], repeats, warmup)
     compared = samples[[entry.name for entry in entries].index(reference)]
     dataset = results.datasets[0]["name"]
     points = []
@@ -178,9 +180,11 @@ def study(
 
 def _start(
     suite: Suite, entry: MethodEntry, photo: ImageRef, size: Size | None, limit: int, threads: int
-) -> Callable[[], Alone]:
-    descriptor = suite.expand(entry.descriptor) if entry.descriptor else None
-    return partial(Alone, suite.expand(entry.detector), descriptor, photo, size, limit, threads)
+) -> Alone:
+    try:
+        return Alone(*suite.texts(entry), photo, size, limit, threads)
+    except EvalError as error:
+        raise EvalError(f"method {entry.name!r}: {error}{suite.origin(entry)}") from error
 
 
 def _times(starts: Sequence[Callable[[], Alone]], repeats: int, warmup: int) -> list[list[float]]:

@@ -18,7 +18,7 @@ import onnxruntime
 
 import elf_runtime
 
-from .errors import EvalError
+from .errors import EvalError, reason
 
 SCHEMA = 1
 
@@ -95,7 +95,9 @@ class Results:
                 )
             data["pairs"] = [PairResult(**pair) for pair in data["pairs"]]
             return cls(**data)
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        except OSError as error:
+            raise EvalError(f"{path}: {reason(error)}") from error
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise EvalError(f"{path}: not a results file of elf-eval run: {error}") from error
 
     def of(self, dataset: str, method: str, counts: str) -> list[PairResult]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +20,7 @@ from .progress import Progress
 from .protocol import Protocol
 from .results import PairResult, Results, now, versions
 from .rows import Features, rows
-from .suite import MethodEntry, Suite
+from .suite import DatasetEntry, MethodEntry, Suite
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ def run(
     Parameters
     ----------
     log : Path, optional
-        Finished pairs are appended to this file as they come; an interrupted run that finds it goes on there.
+        Finished pairs are appended to this file as they come, the first of which makes its folder; an interrupted
+        run that finds it goes on there.
     scenes : names, optional
         Only the pairs of these.
 
@@ -61,7 +63,7 @@ def run(
     EvalError
         On a dataset or method that can't be opened, or an image or pair that can't be evaluated.
     """
-    datasets = [(entry, open_dataset(suite.expand(entry.spec))) for entry in suite.datasets]
+    datasets = [(entry, _dataset(suite, entry)) for entry in suite.datasets]
     if scenes is not None:
         datasets = [(entry, dataset.only(scenes)) for entry, dataset in datasets]
     methods, skipped = _usable(suite, resources)
@@ -83,28 +85,32 @@ def run(
     )
 
 
+def _dataset(suite: Suite, entry: DatasetEntry) -> Dataset:
+    try:
+        return open_dataset(suite.expand(entry.spec))
+    except EvalError as error:
+        raise EvalError(f"{error}{suite.origin(entry)}") from error
+
+
 def _usable(suite: Suite, resources: Resources) -> tuple[list[tuple[MethodEntry, str]], list[dict[str, str]]]:
     """The methods that open, with their fingerprints, and the optional ones that don't, with the reason."""
-    opened = [(entry, *_fingerprint(suite, entry, resources.threads)) for entry in suite.methods]
-    usable = [(entry, fingerprint) for entry, fingerprint, _ in opened if fingerprint]
-    skipped = [{"name": entry.name, "reason": reason} for entry, _, reason in opened if reason]
+    usable, skipped = [], []
+    failed: list[str] = []
+    left_out: list[str] = []
+    for entry in suite.methods:
+        try:
+            usable.append((entry, open_methods(*suite.texts(entry), resources.threads).fingerprint))
+        except EvalError as error:
+            lines = left_out if entry.optional else failed
+            lines.append(f"method {entry.name!r}: {error}{suite.origin(entry)}")
+            skipped.append({"name": entry.name, "reason": suite.unexpand(str(error))})
+    if failed:
+        raise EvalError("\n".join(failed))
     if not usable:
-        raise EvalError(f"none of the methods can be opened: {[s['reason'] for s in skipped]}")
+        raise EvalError("\n".join(["none of the methods can be opened", *left_out]))
+    for line in left_out:
+        print(f"left out: {line}", file=sys.stderr)
     return usable, skipped
-
-
-def _fingerprint(suite: Suite, entry: MethodEntry, threads: int | None) -> tuple[str, str]:
-    """The method's fingerprint, or "" and the reason why it can't be opened."""
-    try:
-        return open_methods(*_texts(suite, entry), threads).fingerprint, ""
-    except EvalError as error:
-        if not entry.optional:
-            raise EvalError(f"method {entry.name!r}: {error}") from error
-        return "", suite.unexpand(str(error))
-
-
-def _texts(suite: Suite, entry: MethodEntry) -> tuple[str, str | None]:
-    return suite.expand(entry.detector), suite.expand(entry.descriptor) if entry.descriptor else None
 
 
 def _extract(
@@ -112,7 +118,7 @@ def _extract(
 ) -> Features:
     keys = [(entry, ref) for entry in entries for ref in refs]
     jobs = [
-        ExtractJob(*_texts(suite, entry), resources.threads, ref, suite.protocol, resources.cache)
+        ExtractJob(*suite.texts(entry), resources.threads, ref, suite.protocol, resources.cache)
         for entry, ref in keys
     ]
     progress = Progress("features", len(jobs), quiet=resources.quiet)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import re
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
-from .errors import EvalError
+from . import variables
+from .errors import EvalError, reason
 from .protocol import Protocol
 
 if sys.version_info >= (3, 11):
@@ -121,23 +120,17 @@ class Suite:
             _known(picture.methods, methods, f"picture {picture.pair!r}: method")
 
     def expand(self, text: str) -> str:
-        """`text` with its ``${NAME}`` replaced.
+        """`text` with its ``${NAME}`` replaced; EvalError where one is not set (`variables.expand`)."""
+        return variables.expand(text, self.variables)
 
-        Raises
-        ------
-        EvalError
-            On a name that is neither in the environment nor among the variables.
-        """
+    def texts(self, entry: MethodEntry) -> tuple[str, str | None]:
+        """The method's detector and descriptor, expanded."""
+        return self.expand(entry.detector), self.expand(entry.descriptor) if entry.descriptor else None
 
-        def value(match: re.Match[str]) -> str:
-            name = match[1]
-            if name in os.environ:
-                return os.environ[name]
-            if name not in self.variables:
-                raise EvalError(f"{text}: no variable {name}; set it in the environment or under [variables]")
-            return self.variables[name]
-
-        return re.sub(r"\$\{(\w+)\}", value, text)
+    def origin(self, entry: MethodEntry | DatasetEntry) -> str:
+        """What the entry's ``${NAME}`` are, in brackets, to end an error's text with (`variables.origin`)."""
+        texts = [entry.spec] if isinstance(entry, DatasetEntry) else [entry.detector, entry.descriptor or ""]
+        return variables.origin(" ".join(texts), self.variables)
 
     def unexpand(self, text: str) -> str:
         """`text` with the variables' values named again: a report should not depend on where files lie."""
@@ -158,8 +151,10 @@ class Suite:
         try:
             with open(path, "rb") as file:
                 data = tomllib.load(file)
-        except (OSError, tomllib.TOMLDecodeError) as error:
-            raise EvalError(f"{path}: {error}") from error
+        except OSError as error:
+            raise EvalError(f"{path}: {reason(error)}") from error
+        except ValueError as error:
+            raise EvalError(f"{path}: not a TOML file: {error}") from error
         known = {"title", "note", "protocol", "variables", "method", "dataset", "table", "picture", "groups"}
         if unknown := set(data) - known:
             raise EvalError(f"{path}: unknown {sorted(unknown)}; known are {sorted(known)}")

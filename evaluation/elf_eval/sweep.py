@@ -9,6 +9,7 @@ import numpy as np
 
 from .datasets import open_dataset
 from .errors import EvalError
+from .metric_names import check, is_share, names
 from .metrics import Estimate, paired_difference
 from .metrics.statistics import Difference
 from .protocol import Protocol
@@ -117,15 +118,18 @@ def sweep(
     Raises
     ------
     EvalError
-        If the dataset or the methods don't give the metric.
+        If the dataset or the methods don't give the metric; before any work where it is the dataset.
     """
-    chosen, rest = split(open_dataset(dataset).scenes(), tune)
+    opened = open_dataset(dataset)
+    known = dict.fromkeys(name for pair in opened.pairs for name in names(pair.truth))
+    check([metric], known, f"a run on {dataset} has")
+    chosen, rest = split(opened.scenes(), tune)
     tuned = _run(texts, dataset, protocol, resources, chosen)
     scores = {text: summarize(tuned.of(_DATASET, text, "own"), metric) for text in texts}
-    known = {text: score for text, score in scores.items() if score is not None}
-    if not known:
+    measured = {text: score for text, score in scores.items() if score is not None}
+    if not measured:
         raise EvalError(f"no pair of {dataset} has the metric {metric!r}")
-    best = sorted((text for text in known if text != texts[0]), key=lambda text: -known[text].mean)
+    best = sorted((text for text in measured if text != texts[0]), key=lambda text: -measured[text].mean)
     final = [*best[:top], texts[0]]
     reported = _run(final, dataset, protocol, resources, rest)
     reference = scene_means(reported.of(_DATASET, texts[0], "own"), metric)
@@ -136,7 +140,7 @@ def sweep(
         if held_out is None:
             raise EvalError(f"no held-out pair of {dataset} has the metric {metric!r}")
         gain = paired_difference(reference, scene_means(pairs, metric))
-        found.append(Trial(text, known[text], held_out, gain, keypoints(pairs)))
+        found.append(Trial(text, measured[text], held_out, gain, keypoints(pairs)))
     return found
 
 
@@ -150,9 +154,10 @@ def _run(
 def table(found: list[Trial], metric: str) -> str:
     """Plain text, shares in percent."""
     lines = [f"{metric:>7} chosen  held out [95 %]        gain [95 %]             keypoints  method"]
+    by = 100.0 if is_share(metric) else 1.0
     for t in found:
-        held = f"{100 * t.held_out.mean:5.1f} [{100 * t.held_out.low:.0f}, {100 * t.held_out.high:.0f}]"
-        gain = f"{100 * t.gain.mean:+5.1f} [{100 * t.gain.low:+.1f}, {100 * t.gain.high:+.1f}]"
+        held = f"{by * t.held_out.mean:5.1f} [{by * t.held_out.low:.0f}, {by * t.held_out.high:.0f}]"
+        gain = f"{by * t.gain.mean:+5.1f} [{by * t.gain.low:+.1f}, {by * t.gain.high:+.1f}]"
         count = f"{t.count.mean:.0f} ({t.count.least})"
-        lines.append(f"{100 * t.tuned.mean:14.1f}  {held:22}  {gain:22}  {count:9}  {t.text}")
+        lines.append(f"{by * t.tuned.mean:14.1f}  {held:22}  {gain:22}  {count:9}  {t.text}")
     return "\n".join(lines)

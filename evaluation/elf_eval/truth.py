@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from .errors import EvalError
+from .errors import EvalError, reason
 from .geometry import Float, warp
 
 Warp = Callable[[Float], Float]
@@ -53,6 +53,10 @@ class Truth(ABC):
         """In working pixels; the arguments lead there from each file's pixels."""
 
     @abstractmethod
+    def known(self) -> tuple[str, ...]:
+        """What `at` gives: some of "place" (forward and backward), "homography" and "pose"."""
+
+    @abstractmethod
     def identity(self) -> object:
         """Plain data that the truth depends on, for the results' cache."""
 
@@ -73,6 +77,9 @@ class Homography(Truth):
         matrix = to_working2 @ np.reshape(self.matrix, (3, 3)) @ np.linalg.inv(to_working1)
         inverse = np.linalg.inv(matrix)
         return WorkingTruth(lambda p: warp(matrix, p), lambda p: warp(inverse, p), matrix)
+
+    def known(self) -> tuple[str, ...]:
+        return "place", "homography"
 
     def identity(self) -> object:
         return ["homography", self.matrix]
@@ -115,6 +122,9 @@ class Calibrated(Truth):
             return warp(to_working1, through_depth(warp(file2, points), depth2, depth1, k2, k1, back))
 
         return WorkingTruth(forward, backward, pose=pose)
+
+    def known(self) -> tuple[str, ...]:
+        return ("pose",) if self.depth1 is None or self.depth2 is None else ("place", "pose")
 
     def identity(self) -> object:
         depths = [str(d) if d else None for d in (self.depth1, self.depth2)]
@@ -172,7 +182,7 @@ def _depth(path: Path) -> npt.NDArray[np.float32]:
     try:
         depth = np.load(path, allow_pickle=False)
     except (OSError, ValueError) as error:
-        raise EvalError(f"{path}: not a depth map (.npy): {error}") from error
+        raise EvalError(f"{path}: not a depth map (.npy): {reason(error)}") from error
     if depth.ndim != 2:
         raise EvalError(f"{path}: a depth map has shape (H, W), this one {depth.shape}")
     return np.asarray(depth, np.float32)

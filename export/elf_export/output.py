@@ -15,7 +15,7 @@ import onnxruntime as ort
 import elf_runtime
 from elf_runtime import DescriptorSpec, ModelContract
 from elf_runtime.contract import ReductionSpec
-from elf_runtime.files import write_atomically
+from elf_runtime.files import unwritable, write_atomically
 from elf_runtime.session import open_session
 
 from . import verify
@@ -50,10 +50,8 @@ def check_output(output: str | os.PathLike[str], force: bool) -> Path:
         raise ExportError(f"{path} is a folder; --output names a file")
     if path.exists() and not force:
         raise ExportError(f"{path} exists; --force overwrites it")
-    if not path.parent.is_dir():
-        raise ExportError(f"{path.parent}: no such folder")
-    if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise ExportError(f"nothing can be written into the folder {path.parent}")
+    if reason := unwritable(path.parent):
+        raise ExportError(reason)
     return path
 
 

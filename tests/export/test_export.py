@@ -163,7 +163,7 @@ def test_adjoint_nodes_are_named_after_their_forward_nodes(vgg) -> None:
         ({"output": "locked/a.onnx"}, "nothing can be written into the folder locked"),
         ({"name": "sobel", "layer": "magnitude", "weights": "any.npz"}, "--weights any.npz: sobel has no weights"),
         ({"desc_weights": "any.npz"}, "--desc-weights any.npz: no other network describes"),
-        ({"output": "no/such/folder/a.onnx"}, "no such folder"),
+        ({"output": "no/such/folder/a.onnx"}, "there is no folder no/such/folder"),
     ],
 )
 def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict, message: str) -> None:

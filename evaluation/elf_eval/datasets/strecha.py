@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elf_eval.errors import EvalError
+from elf_eval.errors import EvalError, reason
 from elf_eval.geometry import Float
 from elf_eval.images import ImageRef
 from elf_eval.spec import Spec
@@ -51,7 +51,7 @@ def read_camera(path: Path) -> tuple[Float, Float]:
     try:
         numbers = np.array(path.read_text().split(), np.float64)
     except (OSError, ValueError) as error:
-        raise EvalError(f"{path}: not a .camera file: {error}") from error
+        raise EvalError(f"{path}: not a .camera file: {reason(error)}") from error
     if numbers.size not in (24, 26):  # with or without the image's size
         raise EvalError(
             f"{path}: expected K, distortion, R, C [and the size]: 24 or 26 numbers, not {numbers.size}"

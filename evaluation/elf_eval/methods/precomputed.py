@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from elf_eval.errors import EvalError
+from elf_eval.errors import EvalError, reason
 from elf_eval.features import LocalFeatures
 from elf_eval.geometry import warp
 from elf_eval.images import Image
@@ -63,15 +63,18 @@ class Precomputed(Method):
             with np.load(path, allow_pickle=False) as file:
                 return path, dict(file)
         except (OSError, ValueError) as error:
-            raise EvalError(f"{path}: no features of {image.name}: {error}") from error
+            raise EvalError(f"{path}: no features of {image.name}: {reason(error)}") from error
 
     def _read_h5(self, image: Image) -> tuple[str, Mapping[str, Any]]:
         try:
             import h5py
         except ImportError as error:
-            raise EvalError("reading .h5 features needs h5py: pip install elf-onnx[eval]") from error
+            raise EvalError("h5py, which reads .h5 files, is not installed (it is in the extra 'eval')") from error
         where = f"{self._path}:{image.name}"
-        with h5py.File(self._path, "r") as file:
-            if image.name not in file:
-                raise EvalError(f"{where}: no such group; the file has {list(file)[:5]} ...")
-            return where, {key: np.asarray(value) for key, value in file[image.name].items()}
+        try:
+            with h5py.File(self._path, "r") as file:
+                if image.name not in file:
+                    raise EvalError(f"{where}: no such group; the file has {list(file)[:5]} ...")
+                return where, {key: np.asarray(value) for key, value in file[image.name].items()}
+        except OSError as error:
+            raise EvalError(f"{self._path}: not an HDF5 file: {reason(error)}") from error

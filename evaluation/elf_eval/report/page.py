@@ -27,7 +27,7 @@ def write_report(
     tables: list[TableEntry],
     command: str,
     pictures: list[Path],
-) -> None:
+) -> list[str]:
     """Write ``README.md``, ``index.html``, ``tables.csv`` and ``plots/`` into `out`.
 
     Parameters
@@ -38,6 +38,10 @@ def write_report(
         What makes this report again.
     pictures : list of Path
         Match pictures inside `out`.
+
+    Returns
+    -------
+    list of the names that were written; no ``plots/`` where there are none
     """
     out.mkdir(parents=True, exist_ok=True)
     write_csv(results, out / "tables.csv")
@@ -46,7 +50,6 @@ def write_report(
     for number, entry in enumerate(tables or [TableEntry("All methods")], start=1):
         images: list[str] = []
         if drawn:
-            (out / "plots").mkdir(exist_ok=True)
             written = plots.plot(results, entry, out / "plots" / f"{number:02d}")
             images = [f"plots/{path.name}" for path in written]
         sections.append((entry, build(results, entry), images))
@@ -54,6 +57,8 @@ def write_report(
     shown = [path.relative_to(out).as_posix() for path in pictures]
     (out / "README.md").write_text(_markdown(title, note, facts, sections, shown))
     (out / "index.html").write_text(_html(title, note, facts, sections, shown))
+    names = ["README.md", "index.html", "tables.csv"]
+    return [*names, "plots/"] if any(images for _, _, images in sections) else names
 
 
 def _facts(results: Results, command: str) -> list[str]:
@@ -74,7 +79,7 @@ def _facts(results: Results, command: str) -> list[str]:
             2, "Equal counts: of each image, every method keeps as many as the one that found the fewest."
         )
     if not plots.available():
-        facts.append("Plots are left out: matplotlib is not installed (pip install elf-onnx[eval]).")
+        facts.append("Plots are left out: matplotlib is not installed (it is in the extra 'eval').")
     facts += [f"Not measured: {s['name']}: {s['reason']}." for s in results.skipped]
     return facts
 

@@ -39,8 +39,7 @@ def write_pictures(suite: Suite, results: Results, folder: Path, resources: Reso
             name = method_entry.name
             if name not in measured or (entry.methods and name not in entry.methods):
                 continue
-            texts = [suite.expand(t) if t else None for t in (method_entry.detector, method_entry.descriptor)]
-            method = open_methods(texts[0] or "", texts[1], resources.threads)
+            method = open_methods(*suite.texts(method_entry), resources.threads)
             first, second = (cache.get(method, ref, suite.protocol)[1] for ref in (pair.first, pair.second))
             pixels = [ref.open(suite.protocol.size).pixels for ref in (pair.first, pair.second)]
             picture = draw_matches(pixels[0], pixels[1], first, second, pair, suite.protocol.eps, name)

@@ -45,6 +45,7 @@ def plot(results: Results, entry: TableEntry, stem: Path) -> list[Path]:
             if figure is not None:
                 slug = "".join(c if c.isalnum() else "-" for c in f"{dataset['name']}-{counts}".lower())
                 path = stem.with_name(f"{stem.name}-{slug}.png")
+                path.parent.mkdir(exist_ok=True)
                 # No date or version inside: the same results give the same file.
                 figure.savefig(path, dpi=110, metadata={"Software": None})
                 written.append(path)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from elf_runtime.errors import ElfError
+from elf_runtime.files import unwritable
 
 from ._common import UsageError
 
@@ -56,12 +56,8 @@ def _paths(files: Sequence[str | Path | None]) -> list[Path]:
 
 
 def _check_folder(option: str, folder: Path) -> None:
-    if not folder.exists():
-        raise ElfError(f"{option}: there is no folder {folder}")
-    if not folder.is_dir():
-        raise ElfError(f"{option}: {folder} is not a folder")
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise ElfError(f"{option}: nothing can be written into the folder {folder}")
+    if reason := unwritable(folder):
+        raise ElfError(f"{option}: {reason}")
 
 
 def _identity(path: Path) -> tuple[int, int] | Path:
