@@ -84,7 +84,7 @@ def build_parser(actions: Mapping[str, Callable[[argparse.Namespace], None]]) ->
     one.add_argument("--metric", default="ms", help="what to choose by (%(default)s)")
     one.add_argument("--top", type=_positive, default=5, help="report so many (%(default)s)")
     one.add_argument("--limit", type=_positive, help="try only so many settings, drawn at random")
-    one.add_argument("--seed", type=int, default=0, help="of the draw (%(default)s)")
+    one.add_argument("--seed", type=_seed, default=0, help="of the draw (%(default)s)")
     _add_protocol(one)
     _add_resources(one)
     one.set_defaults(action=actions["sweep"])
@@ -125,6 +125,12 @@ def _size(text: str) -> str | tuple[int, int]:
     if match is None:
         raise argparse.ArgumentTypeError(f"{text!r} is not WIDTHxHEIGHT or source")
     return int(match[1]), int(match[2])
+
+
+def _seed(text: str) -> int:
+    if re.fullmatch("[0-9]+", text) is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 on")
+    return int(text)
 
 
 def _positive(text: str) -> int:

@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 
 from elf_runtime import ElfError
-from elf_runtime.files import discard_stdout
+from elf_runtime.files import discard_stdout, unwritable
 
 from . import compare as comparing
 from . import sweep as sweeping
@@ -109,6 +109,8 @@ def _pareto(args: argparse.Namespace) -> None:
     data, page = out.with_name(f"{out.name}.json"), out.with_name(f"{out.name}.md")
     picture = Path(args.picture) if args.picture else out.with_name(f"{out.name}.png")
     check_folder(out.parent)
+    if args.picture and (reason := unwritable(picture.parent)):
+        raise EvalError(f"--picture: {reason}")
     if args.redraw:
         found = Study.load(data)
     else:

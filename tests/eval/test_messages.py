@@ -237,6 +237,18 @@ def test_pareto_names_the_method_that_is_not_here(hpatches_folder, photo_file, t
     assert line == f"method 'SIFT': npz:{gone}: no such folder: {gone} (WHERE is {gone}, from the environment)"
 
 
+def test_pareto_checks_the_picture_s_folder_before_it_times(results, tmp_path, capsys):
+    where = ["pareto", "none.toml", results, "--image", "none.png", "--out", str(tmp_path / "p")]
+    (line,) = error_of([*where, "--picture", str(tmp_path / "no" / "p.png")], capsys)
+    assert line == f"--picture: there is no folder {tmp_path / 'no'}"
+
+
+def test_a_seed_is_no_negative_number(capsys):
+    with pytest.raises(SystemExit):
+        main(["sweep", "--model", "sobel", "--dataset", "hpatches:x", "--seed=-1"])
+    assert capsys.readouterr().err.endswith("argument --seed: '-1' is not a whole number from 0 on\n")
+
+
 PICTURE = "[[picture]]\ndataset = 'two'\npair = 'v_turn/1.png - v_turn/3.png'\n"
 
 
