@@ -176,6 +176,16 @@ def test_numpy_s_integers_become_python_s() -> None:
             DetectionParams(border=value)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("name", ["scale", "normalize", "threshold"])
+def test_numbers_become_python_s(name: str) -> None:
+    for value in (np.float32(0.5), np.float16(0.5), np.float64(0.5)):
+        params = DetectionParams(**{name: value})  # type: ignore[arg-type]
+        assert json.loads(json.dumps(params.to_dict()))[name] == 0.5
+    for wrong in (np.array([0.5, 0.6]), np.array([0.5]), np.bool_(True), np.complex64(0.5), np.str_("0.5"), None):
+        with pytest.raises(SettingError, match=f"^{name} is "):
+            DetectionParams(**{name: wrong})  # type: ignore[arg-type]
+
+
 def test_a_fixed_size_must_be_stated() -> None:
     fixed = Tensor("image", "tensor(float)", [1, 40, "W", 3])
     outputs = [SALIENCY, POOL4]

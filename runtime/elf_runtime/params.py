@@ -68,6 +68,7 @@ class DetectionParams:
                 raise SettingError(f"{name} is (mu, sigma) with mu odd and >= 1 and sigma > 0, not {blur!r}")
             object.__setattr__(self, name, (int(blur[0]), float(blur[1])))
         if isinstance(self.threshold, str):
+            object.__setattr__(self, "threshold", str(self.threshold))
             if self.threshold not in ("kapur", "none"):
                 raise SettingError(f"threshold is 'kapur', 'none' or a number in [0, 1], not {self.threshold!r}")
         elif not _is_number(self.threshold) or not 0.0 <= self.threshold <= 1.0:
@@ -81,6 +82,9 @@ class DetectionParams:
             raise SettingError(f"scale is a number in (0, 8], not {self.scale!r}")
         if not _is_number(self.normalize) or not 0.0 < self.normalize <= 1.0:
             raise SettingError(f"normalize is a quantile in (0, 1], not {self.normalize!r}")
+        for name in ("threshold", "scale", "normalize"):
+            if not isinstance(value := getattr(self, name), str):
+                object.__setattr__(self, name, float(value))
         for name in ("quantize", "subpixel"):
             if not isinstance(getattr(self, name), bool):
                 raise SettingError(f"{name} is True or False, not {getattr(self, name)!r}")
@@ -115,7 +119,7 @@ def is_int(value: object) -> bool:
 
 
 def _is_number(value: object) -> bool:
-    return is_int(value) or isinstance(value, float) or (hasattr(value, "__float__") and hasattr(value, "dtype"))
+    return is_int(value) or isinstance(value, (float, np.floating))
 
 
 _PAPER = DetectionParams(quantize=True)

@@ -87,7 +87,8 @@ class Sessions:
 
     def _make_room(self, wanted: frozenset[str], size: Shape) -> None:
         """Drop, of the sessions for the same outputs, those of sizes used longest ago; and the one of any size."""
-        self._open.pop((wanted, None, False), None)
+        if self._sizes:
+            self._open.pop((self._all, None, False), None)
         mine = [key for key in self._open if key[0] == wanted]
         others = list(dict.fromkeys(key[1] for key in reversed(mine) if key[1] != size))
         for key in mine:
