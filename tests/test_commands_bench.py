@@ -11,10 +11,22 @@ import cv2
 import numpy as np
 import pytest
 
-from elf_runtime.commands._contenders import Contender, synthetic, torch_peer
-from elf_runtime.commands._fresh import peak_memory
+from elf_runtime import ElfError
+from elf_runtime.commands import _fresh
+from elf_runtime.commands._bench_table import _size_rows
+from elf_runtime.commands._contenders import (
+    PEER_KEYPOINTS,
+    Contender,
+    _opencv,
+    float_model,
+    peers,
+    synthetic,
+    torch_peer,
+)
+from elf_runtime.commands._fresh import peak_memory, start_up
 from elf_runtime.commands._timing import interleaved, with_sums
-from elf_runtime.commands.bench import main, sizes
+from elf_runtime.commands.bench import _open, build_parser, main, sizes
+from elf_runtime.session import bundled_model
 
 TINY = Path(__file__).parent / "data" / "tiny.onnx"
 STAGES = ("read", "prepare", "session", "blur", "threshold", "nms", "descriptors")
@@ -80,6 +92,34 @@ def test_json_on_standard_output_is_alone_there(capsys: pytest.CaptureFixture[st
     assert "ELF, decode to descriptors" in captured.err
 
 
+def test_a_photograph_gets_the_size_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), synthetic(60, 70))
+    assert bench("--image", tmp_path / "a.png", "--sizes", "48x64", "--peers", "none", "--json", "-") == 0
+    entry = json.loads(capsys.readouterr().out)["sizes"][0]
+    assert (entry["height"], entry["width"]) == (48, 64)
+
+
+@pytest.mark.parametrize(("more", "spin"), [([], None), (["--spin"], True)])
+def test_every_size_has_its_session_and_threads_spin_as_by_default(more: list[str], spin: bool | None) -> None:
+    args = build_parser().parse_args(["--sizes", "48x64,64x48,64x64", "--threads", "1", *more])
+    _, options, count = _open(str(TINY), args)._given
+    assert (options["spin"], options["threads"], count) == (spin, 1, 3)
+
+
+def test_the_table_is_in_milliseconds_percent_and_mebibytes() -> None:
+    entry = {
+        "height": 48, "width": 64, "titles": {"elf": "ELF, all of it"}, "keypoints": {"elf": 321},
+        "seconds": {"elf": {"p50": 0.0125, "p95": 0.25, "p99": 1.5}},
+        "ratios": {}, "saliency_agreement": {"share": 0.9876, "precision": "fp32"},
+        "memory": {"peak_loaded_bytes": 2**20, "peak_detect_bytes": 3 * 2**20, "first_detect_s": 0.125},
+    }  # fmt: skip
+    _, times, agreement, memory, first = _size_rows(entry)
+    assert times.split()[-4:] == ["12.50", "250.00", "1500.00", "321"]
+    assert "at 98.76 % of the pixels" in agreement
+    assert "1 MiB loaded, 3 MiB detecting" in memory
+    assert first.endswith("125 ms")
+
+
 def test_rounds_rotate_and_drop_the_warm_up() -> None:
     log: list[str] = []
 
@@ -135,6 +175,29 @@ def test_an_unknown_peer_is_a_usage_error(capsys: pytest.CaptureFixture[str]) ->
     assert "unknown peer 'surf'" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["sift", "orb"])
+def test_a_peer_finds_at_most_so_many(name: str) -> None:
+    (peer,) = peers([name], synthetic(480, 640), None)
+    count, stages = peer.run()
+    assert 0 < count <= PEER_KEYPOINTS + 1  # SIFT may keep one more, at the same place
+    assert stages == {}
+
+
+def test_a_peer_s_time_has_its_descriptors() -> None:
+    class Detector:
+        def detectAndCompute(self, image: object, mask: object) -> tuple[list[int], None]:  # noqa: N802
+            assert (image, mask) == ("grey", None)
+            return [1, 2, 3], None
+
+    assert _opencv(Detector(), "grey")() == (3, {})
+
+
+def test_whose_weights_torch_takes() -> None:
+    assert float_model("a.onnx", "b.onnx") == "b.onnx"
+    assert float_model("a.onnx", None) == "a.onnx"
+    assert float_model(None, None) == str(bundled_model("fp32"))
+
+
 def test_torch_is_left_out_with_a_reason() -> None:
     # Either it is not installed, or the tiny model's network is none that can be rebuilt.
     saliency, reason = torch_peer(str(TINY), 1)
@@ -170,6 +233,17 @@ def test_peak_memory_is_the_childs_own() -> None:
     assert loaded is not None
     assert detected is not None
     assert 10e6 < loaded <= detected < 350e6
+
+
+def test_start_up_is_a_median(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = iter([(1.0, 5.0), (9.0, 4.0), (2.0, 60.0)])
+    monkeypatch.setattr(_fresh, "_run", lambda *_: dict(zip(("import_s", "load_s"), next(runs), strict=True)))
+    assert start_up(None, None, 1, 3) == {"processes": 3, "import_s": 2.0, "load_s": 5.0}
+
+
+def test_a_fresh_process_that_fails_says_why(tmp_path: Path) -> None:
+    with pytest.raises(ElfError, match=r"a fresh process failed with status 1: .*none\.onnx: no such file"):
+        peak_memory(str(tmp_path / "none.onnx"), None, 1, (64, 64))
 
 
 def test_the_commands_load_neither_torch_nor_onnx() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import onnxruntime as ort
 import pytest
 
-from elf_runtime import ElfRuntime, Features
+from elf_runtime import ElfRuntime, Features, ModelError
 from elf_runtime import image as images
 from elf_runtime.commands._contenders import synthetic
 from elf_runtime.commands._inputs import image_files, output_names
@@ -58,6 +58,19 @@ def test_options_reach_the_detector(tmp_path: Path) -> None:
     assert len(found) == 7
     np.testing.assert_array_equal(found.keypoints, wanted.keypoints)
     np.testing.assert_array_equal(found.descriptors, wanted.descriptors)
+
+
+def test_threads_and_provider_reach_the_model(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    given: dict[str, object] = {}
+
+    def opened(model: str, **options: object) -> None:
+        given.update(options, model=model)
+        raise ModelError("not opened")
+
+    monkeypatch.setattr("elf_runtime.commands._common.ElfRuntime", opened)
+    arguments = [str(write(tmp_path / "a.png")), "-o", str(tmp_path / "out"), "--model", "m.onnx"]
+    assert main([*arguments, "--threads", "3", "--provider", "cuda"]) == 1
+    assert given == {"model": "m.onnx", "threads": 3, "providers": "cuda"}
 
 
 def test_a_mask_holds_keypoints_to_its_white_part(tmp_path: Path) -> None:
@@ -121,6 +134,23 @@ def test_a_summary_on_standard_output_is_alone_there(
     assert "keypoints" in captured.err
 
 
+def test_the_summary_s_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    image = write(tmp_path / "a.png")
+    assert detect(image, "-o", tmp_path / "out", "--scale", 0.5, "--border", 3, "--json", "-") == 0
+    summary = json.loads(capsys.readouterr().out)
+    trace = ElfRuntime(TINY, threads=1).trace(image, scale=0.5, border=3)
+    assert (summary["settings"]["scale"], summary["settings"]["border"]) == (0.5, 3)
+    assert summary["images"][0]["passed"] == pytest.approx(trace.mask.mean())
+    assert 0.0 < summary["images"][0]["passed"] < 1.0
+
+
+def test_standard_output_is_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "-").mkdir()
+    image = write(tmp_path / "a.png")
+    monkeypatch.chdir(tmp_path)
+    assert detect(image, "-o", "out", "--json", "-") == 0
+
+
 def test_folders_patterns_and_repeated_files(tmp_path: Path) -> None:
     a, b = write(tmp_path / "in" / "a.png"), write(tmp_path / "in" / "b.JPG")
     (tmp_path / "in" / "notes.txt").write_text("no image")
@@ -161,6 +191,16 @@ def test_an_input_image_is_never_overwritten(tmp_path: Path, capsys: pytest.Capt
     before = image.read_bytes()
     assert detect(image, "-o", tmp_path) == 2
     assert "input image" in capsys.readouterr().err
+    assert image.read_bytes() == before
+
+
+def test_a_hard_link_to_an_input_is_not_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    image, out = write(tmp_path / "in" / "a.png"), tmp_path / "out"
+    out.mkdir()
+    os.link(image, out / "a.png")
+    before = image.read_bytes()
+    assert detect(image, "-o", out) == 2
+    assert "is an input image" in capsys.readouterr().err
     assert image.read_bytes() == before
 
 
@@ -282,3 +322,11 @@ def test_no_part_of_a_file_is_left_where_writing_fails(
     assert "No space left" in capsys.readouterr().err
     assert not list(out.glob("*.png"))
     assert not [p for p in out.iterdir() if p.suffix == ".png" or ".part.png" in p.name]
+
+
+def test_an_interruption_has_the_shell_s_status(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("elf_runtime.commands.detect.image_files", interrupted)
+    assert detect("a.png", "-o", tmp_path) == 130

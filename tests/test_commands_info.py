@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -10,12 +13,12 @@ import onnxruntime as ort
 import pytest
 
 from elf_runtime import ElfRuntime, ModelContract
-from elf_runtime.commands._info_text import _parity_rows
+from elf_runtime.commands._info_text import _agreement, _coverage, _descriptor, _parity_rows, _sizes
 from elf_runtime.commands.info import gflop_per_megapixel, main
 from elf_runtime.coverage import from_events, measure
 from elf_runtime.onnx_file import read_onnx
 from elf_runtime.session import bundled_model
-from helpers import textured
+from helpers import ROOT, textured
 
 TINY = Path(__file__).parent / "data" / "tiny.onnx"
 
@@ -64,6 +67,30 @@ def test_measured_errors_and_scores_are_in_words(capsys: pytest.CaptureFixture[s
     ]
 
 
+def test_what_the_report_says_in_words() -> None:
+    found = {"reference": 8, "found": 9, "same": 0.25, "near": 0.5, "cosine": 0.75, "least_cosine": 0.125}
+    text = "9 keypoints, the CPU 8; 25.0% the same within 0.5 px, 50.0% within 1 px"
+    text += "; cosine of their descriptors 0.75000, at least 0.12500"
+    assert _agreement({**found, "sufficient": True}) == text
+    assert _agreement({**found, "sufficient": False}) == f"DIFFERS: {text}"
+
+    free = {"height": 0, "width": 0, "min_size": 32, "multiple": 1}
+    assert _sizes(free) == "at least 32x32"
+    assert _sizes({**free, "multiple": 8}) == "at least 32x32, resized to multiples of 8"
+    assert _sizes({**free, "height": 60, "width": 80}) == "resized to 80x60 (width x height)"
+
+    reduction = {"method": "pca", "source_dim": 256, "whiten": 0.5, "kept": 0.9, "calibration": "c", "sha256": "ab"}
+    spec = {"layer": "pool4", "dim": 64, "stride": 8.0, "reduction": reduction}
+    assert "of 256 channels by pca, whitened by 0.5, 90% of their variance" in _descriptor(spec)
+    assert "by pca, 90%" in _descriptor({**spec, "reduction": {**reduction, "whiten": 0.0}})
+
+    run = {"error": "", "complete": False, "ran": {"Conv": 2}, "elsewhere": {"CPU": {"Sign": 1}}}
+    assert _coverage(run) == "runs Conv 2; CPU runs Sign 1"
+    assert _coverage({**run, "complete": True, "elsewhere": {}}) == "runs every op (2 executed nodes)"
+    assert _coverage({**run, "ran": {}}) == "runs no op; all is left to CPU"
+    assert _coverage({**run, "error": "no device"}) == "can't run it: no device"
+
+
 def test_no_file_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     photo = tmp_path / "photo.ort"  # decoded by its content
     photo.write_bytes(cv2.imencode(".png", textured(64, 80))[1].tobytes())
@@ -110,6 +137,21 @@ def test_a_provider_that_takes_no_node_is_found_out() -> None:
     assert "Conv" in found.elsewhere["CPUExecutionProvider"]
 
 
+@pytest.mark.parametrize(("asked", "status"), [([], 0), (["--provider", "cpu"], 1)])
+def test_only_the_provider_asked_for_fails_the_command(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, asked: list[str], status: int
+) -> None:
+    """And then nothing is converted."""
+
+    def measured(*_: object) -> dict[str, object]:
+        run = {"provider": "CPUExecutionProvider", "ran": {}, "elsewhere": {}, "complete": False, "agreement": None}
+        return run | {"error": "no such device"}
+
+    monkeypatch.setattr("elf_runtime.commands.info._measured", measured)
+    assert main([str(TINY), *asked, "--ort", str(tmp_path / "m.ort")]) == status
+    assert (tmp_path / "m.ort").exists() == (status == 0)
+
+
 def test_a_profile_is_split_by_provider() -> None:
     def event(op: str, provider: str, kind: str = "kernel_time") -> dict[str, object]:
         return {"cat": "Node", "name": f"n_{kind}", "args": {"op_name": op, "provider": provider}}
@@ -154,3 +196,14 @@ def test_a_missing_file_and_an_unknown_provider(capsys: pytest.CaptureFixture[st
     assert "absent.onnx: No such file" in capsys.readouterr().err
     assert main([str(TINY), "--provider", "quantum"]) == 1
     assert "unknown provider 'quantum'" in capsys.readouterr().err
+
+
+def test_a_reader_that_has_seen_enough_ends_the_command_quietly() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    env = {**os.environ, "PYTHONPATH": str(ROOT / "runtime")}
+    env.pop("PYTHONUNBUFFERED", None)  # with it, nothing is left to be flushed at exit
+    command = [sys.executable, "-m", "elf_runtime.commands.info", str(TINY), "--provider", "cpu"]
+    ended = subprocess.run(command, env=env, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writer)
+    assert (ended.returncode, ended.stderr) == (1, "")

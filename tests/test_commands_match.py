@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from elf_runtime import ElfRuntime
 from elf_runtime.commands._contenders import synthetic
 from elf_runtime.commands.match import main
+from elf_runtime.geometry import fit
 
 TINY = Path(__file__).parent / "data" / "tiny.onnx"
 SHIFT = (16, 8)  # a multiple of the network's stride, so that it sees the same
@@ -52,6 +54,29 @@ def test_ransac_finds_the_shift(pair: tuple[Path, Path], tmp_path: Path) -> None
         assert saved["pairs"].shape == (summary["matches"], 2)
         assert np.abs(moved[saved["inliers"]] + SHIFT).max() <= 3.0
         np.testing.assert_allclose(saved["matrix"], summary["matrix"])
+
+
+def test_without_a_fit_every_match_is_an_inlier(pair: tuple[Path, Path], tmp_path: Path) -> None:
+    assert match(*pair, "-o", tmp_path / "m.png", "--save", tmp_path / "m.npz") == 0
+    with np.load(tmp_path / "m.npz") as saved:
+        assert len(saved["inliers"]) == len(saved["pairs"]) > 0
+        assert saved["inliers"].all()
+        assert np.isnan(saved["matrix"]).all()
+
+
+def test_the_inlier_distance_reaches_the_fit(
+    pair: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[tuple[object, ...]] = []
+
+    def spy(*arguments: Any) -> Any:
+        given.append(arguments[2:])
+        return fit(*arguments)
+
+    monkeypatch.setattr("elf_runtime.commands.match.fit", spy)
+    for more, wanted in (((), 3.0), (("--ransac-threshold", 0.5), 0.5)):
+        assert match(*pair, "-o", tmp_path / "m.png", "--ransac", "homography", *more) == 0
+        assert given.pop() == ("homography", wanted)
 
 
 def test_a_fundamental_matrix_and_the_ratio_test(pair: tuple[Path, Path], tmp_path: Path) -> None:

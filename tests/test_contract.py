@@ -109,6 +109,9 @@ def test_a_missing_key_is_named(key: str) -> None:
         ("input", "[]"),
         ("descriptors", '[{"output": "x"}]'),
         ("descriptors", '[{"output": "x", "layer": "l", "dim": 0, "stride": 1.0, "offset": 0.0}]'),
+        ("descriptors", '[{"output": "x", "layer": "l", "dim": 8, "stride": 0.0, "offset": 0.0}]'),
+        ("descriptors", '[{"output": "x", "layer": "l", "dim": 8, "stride": true, "offset": 0.0}]'),
+        ("descriptors", '[{"output": "x", "layer": "l", "dim": 8, "stride": 1.0, "offset": false}]'),
         ("detection", '{"denoise": [4, 1.0]}'),
         ("detection", '{"nonsense": 1}'),
     ],
@@ -130,6 +133,8 @@ def test_tensors_that_fit() -> None:
         ([Tensor("x", "tensor(float)", ["N", "H", "W", 3])], [SALIENCY, POOL4], "input"),
         ([Tensor("image", "tensor(uint8)", ["N", "H", "W", 3])], [SALIENCY, POOL4], "input"),
         ([Tensor("image", "tensor(float)", ["N", 3, "H", "W"])], [SALIENCY, POOL4], "input"),
+        ([Tensor("image", "tensor(float)", ["N", "H", "W", 1])], [SALIENCY, POOL4], "input"),
+        ([Tensor("image", "tensor(float)", ["N", "H", "W", "C"])], [SALIENCY, POOL4], "input"),
         ([INPUT], [POOL4], "saliency_output"),
         ([INPUT], [Tensor("saliency", "tensor(float)", ["N", "H", "W", 1]), POOL4], "saliency_output"),
         ([INPUT], [SALIENCY], "descriptors"),
@@ -156,8 +161,9 @@ def test_the_metadata_is_json() -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"denoise": (4, 1.0)}, {"denoise": (0, 1.0)}, {"denoise": (5, 0.0)}, {"denoise": 5}, {"threshold": "otsu"},
-        {"threshold": 1.5}, {"threshold": float("nan")}, {"nms_radius": -1}, {"nms_radius": 2.5},
+        {"denoise": (4, 1.0)}, {"denoise": (0, 1.0)}, {"denoise": (5, 0.0)}, {"denoise": 5}, {"denoise": (-3, 1.0)},
+        {"denoise": (3, float("inf"))}, {"denoise": (3, float("nan"))}, {"threshold_blur": (-3, 1.0)},
+        {"threshold": "otsu"}, {"threshold": 1.5}, {"threshold": float("nan")}, {"nms_radius": -1}, {"nms_radius": 2.5},
         {"border": True}, {"max_keypoints": -1}, {"scale": 0}, {"scale": 100}, {"scale": "half"},
         {"normalize": 0.0}, {"quantize": 1}, {"colour": "red"},
     ],
@@ -165,6 +171,11 @@ def test_the_metadata_is_json() -> None:
 def test_settings_out_of_range(changes: dict[str, object]) -> None:
     with pytest.raises(SettingError):
         DetectionParams().updated(**changes)
+
+
+def test_the_ends_of_the_ranges_are_allowed() -> None:
+    assert DetectionParams(scale=8.0, normalize=1.0, threshold=0.0).scale == 8.0
+    assert DetectionParams(threshold=1.0, nms_radius=0, border=0, max_keypoints=0).threshold == 1.0
 
 
 def test_numpy_s_integers_become_python_s() -> None:
@@ -206,6 +217,7 @@ def test_a_fixed_size_must_be_stated() -> None:
         (InputSpec(width=320), 1.0, (240, 320)),
         (InputSpec(multiple=32), 1.0, (128, 160)),
         (InputSpec(multiple=32, min_size=64), 0.3, (64, 64)),
+        (InputSpec(multiple=32, min_size=65), 0.3, (96, 96)),
     ],
 )
 def test_the_size_that_the_graph_is_fed(spec: InputSpec, scale: float, size: tuple[int, int]) -> None:

@@ -8,7 +8,8 @@ import os
 import pickle
 import subprocess
 import sys
-from concurrent.futures import ProcessPoolExecutor
+import time
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -138,6 +139,50 @@ def test_the_sizes_used_last_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(opened) == 5
     elf.detect(b)
     assert len(opened) == 6
+
+
+def test_the_size_used_longest_ago_goes(monkeypatch: pytest.MonkeyPatch) -> None:
+    elf = ElfRuntime(TINY, threads=1, sizes=2)
+    a, b, c = (textured(side, 80) for side in (64, 48, 56))
+    opened = count_sessions(monkeypatch)
+    for image in (a, b, c, b, c):
+        elf.detect(image)
+    assert len(opened) == 3
+    elf.detect(a)
+    assert len(opened) == 4
+
+
+def test_the_session_of_any_size_goes_when_one_of_a_size_opens(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On other providers than the CPU, the session that checks the model is a whole one."""
+    monkeypatch.setattr(sessions, "is_cpu", lambda _: False)
+    elf = ElfRuntime(TINY, threads=1)
+    assert len(elf._sessions) == 1
+    elf.detect(textured(64, 80))
+    assert len(elf._sessions) == 1
+
+
+def test_a_part_of_the_graph_costs_the_whole_one_no_session(monkeypatch: pytest.MonkeyPatch) -> None:
+    elf = ElfRuntime(TINY, threads=1, sizes=1)
+    opened = count_sessions(monkeypatch)
+    elf.detect(textured(64, 80))
+    elf.saliency(textured(48, 80))
+    elf.detect(textured(64, 80))
+    assert len(opened) == 2
+
+
+def test_threads_that_want_the_same_session_open_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    elf = ElfRuntime(TINY, threads=1)
+    opened = count_sessions(monkeypatch)
+    spy = sessions.open_session
+
+    def slowly(*args: Any, **options: Any) -> Any:
+        time.sleep(0.1)
+        return spy(*args, **options)
+
+    monkeypatch.setattr(sessions, "open_session", slowly)
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(elf.detect, [textured(64, 80)] * 2))
+    assert len(opened) == 1
 
 
 @pytest.mark.parametrize("change", ["removed", "replaced"])

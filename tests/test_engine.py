@@ -13,15 +13,18 @@ import pytest
 
 from elf_runtime import (
     ContractError,
+    DetectionParams,
     ElfRuntime,
     Features,
     ImageError,
+    InputSpec,
     ModelError,
     ProviderError,
     SettingError,
     match,
 )
 from elf_runtime.refine import parabola_peaks
+from elf_runtime.work import prepared
 from helpers import TINY, textured
 
 
@@ -56,6 +59,13 @@ def test_any_size(elf: ElfRuntime, size: tuple[int, int]) -> None:
     elf.detect(image, border=2)
     elf.detect(image, scale=0.5)
     assert elf.saliency(image, scale=0.7).shape == size
+
+
+def test_the_saliency_s_scale_is_the_one_asked_for(elf: ElfRuntime, image: np.ndarray) -> None:
+    height, width = image.shape[:2]
+    small = elf.trace(image, scale=0.5).saliency
+    wanted = cv2.resize(small, (width, height), interpolation=cv2.INTER_LINEAR)
+    np.testing.assert_array_equal(elf.saliency(image, scale=0.5), wanted)
 
 
 def test_all_kinds_of_images_give_the_same(elf: ElfRuntime, image: np.ndarray, tmp_path: Path) -> None:
@@ -140,6 +150,37 @@ def test_keypoints_round_to_pixels_of_the_mask(elf: ElfRuntime, scale: float, su
     assert mask[y, x].all()
 
 
+def test_a_border_of_more_rows_than_columns(elf: ElfRuntime) -> None:
+    """Rounded to whole working pixels, the border can differ between rows and columns."""
+    image, settings = textured(101, 140), {"scale": 0.52, "border": 10, "nms_radius": 2}
+    work = elf._prepare(image, elf.params(**settings), None)
+    rows, columns = work.margin(10)
+    assert rows != columns
+    found = elf.trace(image, **settings)
+    assert len(found.features) > 5
+    x, y = np.rint(work.to_working(found.features.keypoints)).astype(int).T
+    np.testing.assert_array_equal(found.scores[y, x], found.features.scores)
+
+
+def test_a_refined_point_at_the_border_stays(elf: ElfRuntime) -> None:
+    work = elf._prepare(textured(60, 80), elf.params(scale=1.0), None)
+    refined = np.array([[10.0, 20.25], [69.0, 49.0], [9.75, 20.25]], np.float32)
+    found = np.array([[10, 20], [69, 49], [10, 20]])
+    np.testing.assert_array_equal(work.kept_inside(refined, found, 10), [[10.0, 20.25], [69.0, 49.0], [10.0, 20.0]])
+
+
+def test_a_radius_is_at_least_a_working_pixel_where_above_zero(elf: ElfRuntime) -> None:
+    work = elf._prepare(textured(160, 200), elf.params(scale=0.25), None)
+    assert [work.radius(r) for r in (0, 1, 4, 6, 10_000)] == [0, 1, 1, 2, 50]
+
+
+def test_the_radius_of_a_model_of_one_size_is_in_source_pixels() -> None:
+    spec = InputSpec(height=60, width=80)
+    work = prepared(textured(120, 160), DetectionParams(), None, spec, "m.onnx")
+    assert work.scale == 0.5
+    assert work.radius(10) == 5
+
+
 def test_without_border_and_mask_every_place_is_refined(elf: ElfRuntime, image: np.ndarray) -> None:
     settings = {"scale": 0.45, "border": 0, "threshold": "none"}
     traced = elf.trace(image, subpixel=True, **settings)
@@ -166,6 +207,7 @@ def test_a_flat_image_is_the_empty_result(elf: ElfRuntime) -> None:
         f = elf.detect(flat)
         assert (f.keypoints.shape, f.scores.shape, f.descriptors.shape) == ((0, 2), (0,), (0, 8))
         assert not elf.saliency(flat).any()
+        assert elf.detect(flat, nms_radius=3).nms_radius == 3
 
 
 def test_presets_change_the_settings(elf: ElfRuntime, image: np.ndarray) -> None:
@@ -209,7 +251,9 @@ def test_describe_equals_detect_at_its_keypoints(elf: ElfRuntime, image: np.ndar
     assert elf.describe(image, [[5, 5]], descriptor="pool1").shape == (1, 8)
 
 
-@pytest.mark.parametrize("points", [[[1, 2, 3]], [1, 2], [[np.nan, 0]], [["a", "b"]], "abc"])
+@pytest.mark.parametrize(
+    "points", [[[1, 2, 3]], [1, 2], [[np.nan, 0]], [[3, np.inf]], [[-np.inf, 3]], [["a", "b"]], "abc"]
+)
 def test_points_that_are_none(elf: ElfRuntime, image: np.ndarray, points: object) -> None:
     with pytest.raises(ImageError):
         elf.describe(image, points)
@@ -227,7 +271,7 @@ def test_opencv_keypoints(elf: ElfRuntime, image: np.ndarray) -> None:
     points, descriptors = f.to_cv2()
     assert len(points) == len(f)
     assert points[0].pt == pytest.approx(tuple(f.keypoints[0]))
-    assert points[0].size == 21
+    assert (points[0].size, points[0].angle) == (21, -1)
     assert points[0].response == pytest.approx(f.scores[0])
     assert descriptors is f.descriptors
 

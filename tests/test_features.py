@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from elf_runtime import ElfError, ElfRuntime, Features
+from elf_runtime.files import write_atomically
 from helpers import TINY, textured
 
 
@@ -46,6 +48,23 @@ def test_on_disk(features: Features, tmp_path: Path) -> None:
 def test_a_file_without_nms_radius(tmp_path: Path) -> None:
     np.savez(tmp_path / "old.npz", **arrays())
     assert Features.load(tmp_path / "old.npz").nms_radius == 10.0
+
+
+def test_double_precision_is_read_as_single(tmp_path: Path) -> None:
+    np.savez(tmp_path / "f.npz", **{name: value.astype(np.float64) for name, value in arrays().items()})
+    f = Features.load(tmp_path / "f.npz")
+    assert {a.dtype for a in (f.keypoints, f.scores, f.descriptors)} == {np.dtype(np.float32)}
+
+
+def test_a_radius_of_zero_is_read_again(tmp_path: Path) -> None:
+    np.savez(tmp_path / "f.npz", nms_radius=0.0, **arrays())
+    assert Features.load(tmp_path / "f.npz").nms_radius == 0
+
+
+def test_csv_has_thousandths(tmp_path: Path) -> None:
+    points, scores = np.array([[3.125, 4.0]], np.float32), np.array([9.875], np.float32)
+    Features(points, scores, np.zeros((1, 0), np.float32), (20, 30)).save(tmp_path / "f.csv")
+    assert (tmp_path / "f.csv").read_text().splitlines() == ["x,y,score", "3.125,4.000,9.875"]
 
 
 def flipped(data: bytes) -> bytes:
@@ -87,6 +106,24 @@ def test_other_files(tmp_path: Path) -> None:
         Features.load(tmp_path / "absent.npz")
 
 
+class Trap:
+    """Unpickled, it makes the file that it names."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> Any:
+        return Path.touch, (self.path,)
+
+
+def test_loading_runs_no_code_of_the_file(tmp_path: Path) -> None:
+    sprung = tmp_path / "sprung"
+    np.savez(tmp_path / "f.npz", **{**arrays(), "keypoints": np.array([Trap(sprung)], object)})
+    with pytest.raises(ElfError, match="not a feature file"):
+        Features.load(tmp_path / "f.npz")
+    assert not sprung.exists()
+
+
 @pytest.mark.parametrize(
     "changed",
     [
@@ -99,6 +136,9 @@ def test_other_files(tmp_path: Path) -> None:
         {"keypoints": np.ones((3, 3), np.float32)},
         {"keypoints": np.ones(6, np.float32)},
         {"keypoints": np.ones((3, 2), np.complex64)},
+        {"keypoints": np.ones((3, 2), np.uint8)},
+        {"scores": np.ones(3, np.uint8)},
+        {"descriptors": np.ones((3, 4), np.uint8)},
         {"descriptors": np.ones((2, 4), np.float32)},
         {"descriptors": np.ones(3, np.float32)},
         {"descriptors": np.array([["a"] * 4] * 3)},
@@ -141,6 +181,35 @@ def test_no_part_is_left_where_writing_fails(
         features.save(old)
     assert old.read_bytes() == b"old"
     assert sorted(p.name for p in tmp_path.iterdir()) == [folder.name, old.name]
+
+
+def test_an_interrupted_file_leaves_nothing(tmp_path: Path) -> None:
+    def interrupted(path: Path) -> None:
+        path.write_text("half")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_atomically(tmp_path / "f.csv", interrupted)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_error_without_a_number_keeps_its_words(tmp_path: Path) -> None:
+    def refused(_: Path) -> None:
+        raise OSError("no such encoder")
+
+    with pytest.raises(OSError, match=r"^no such encoder$"):
+        write_atomically(tmp_path / "f.csv", refused)
+
+
+def test_two_processes_write_beside_each_other(tmp_path: Path) -> None:
+    names: list[str] = []
+
+    def write(path: Path) -> None:
+        names.append(path.name)
+        path.touch()
+
+    write_atomically(tmp_path / "f.csv", write)
+    assert str(os.getpid()) in names[0]
 
 
 def test_they_compare_by_identity(features: Features) -> None:

@@ -42,6 +42,13 @@ def test_grey_alpha_and_colour_order() -> None:
     assert to_pixels(image, InputSpec(value_range=1.0)).max() <= 1.0
 
 
+def test_the_caller_s_pixels_stay_as_they_are() -> None:
+    image = (textured(20, 30) / 255).astype(np.float32)
+    before = image.copy()
+    to_pixels(image, BGR)
+    np.testing.assert_array_equal(image, before)
+
+
 def test_views_and_strides_are_fine() -> None:
     image = textured(40, 60)
     assert np.array_equal(to_pixels(image[::2, ::-2], BGR), image[::2, ::-2].astype(np.float32))

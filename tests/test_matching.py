@@ -49,6 +49,39 @@ def test_ties_go_to_the_lower_index(band: int, monkeypatch: pytest.MonkeyPatch) 
     assert match(np.stack([z, x, x, y, x, y]), np.stack([y, x, y, y, x])).tolist() == [[1, 1], [3, 0]]
 
 
+def test_two_candidates_are_enough_for_the_ratio() -> None:
+    near = np.array([[1.0, 0.0], [0.8, 0.6]], np.float32)
+    assert match(near[:1], near, ratio=0.9).tolist() == [[0, 0]]
+    between = np.array([[0.96, 0.28]], np.float32)
+    assert match(between, near).tolist() == [[0, 0]]
+    assert match(between, near, ratio=0.5).tolist() == []
+
+
+def test_two_equal_candidates_fail_the_ratio() -> None:
+    """Both at distance 0, or, by float32's rounding, at a square just below it."""
+    rows = unit(64, 7, 0)
+    assert ((rows * rows).sum(axis=1) > 1.0).any()
+    exact = np.array([[0.0, 1.0]], np.float32)
+    for row in (exact, *rows[:, None]):
+        twice = np.concatenate([row, row])
+        assert match(row, twice).tolist() == [[0, 0]]
+        assert match(row, twice, ratio=0.9).tolist() == []
+
+
+def test_the_ratio_is_to_the_second_nearest_of_many() -> None:
+    a, b = unit(300, 8, 1), unit(700, 8, 2)
+    near = np.sort(np.linalg.norm(a[:, None].astype(np.float64) - b[None], axis=2), axis=1)
+    mutual = match(a, b)
+    wanted = [pair for pair in mutual.tolist() if near[pair[0], 0] < 0.9 * near[pair[0], 1]]
+    assert 10 < len(wanted) < len(mutual)
+    assert match(a, b, ratio=0.9).tolist() == wanted
+
+
+def test_the_nearest_may_be_more_than_a_right_angle_away() -> None:
+    a = np.array([[1.0, 0.0], [0.6, 0.8]], np.float32)
+    assert match(a, np.array([[-1.0, 0.0]], np.float32)).tolist() == [[1, 0]]
+
+
 def test_the_table_of_all_products_is_never_whole_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("elf_runtime.matching._BAND", 64)
     a, b = unit(3000, 8, 1), unit(3000, 8, 2)
@@ -68,7 +101,8 @@ def test_features_and_empty_sides() -> None:
 def test_what_cannot_be_compared() -> None:
     with pytest.raises(SettingError, match="can't be compared"):
         match(unit(3, 16, 0), unit(3, 8, 0))
-    with pytest.raises(SettingError, match="ratio"):
-        match(unit(3, 16, 0), unit(3, 16, 0), ratio=1.5)
+    for ratio in (0.0, 1.0, -0.5, 1.5, float("nan")):
+        with pytest.raises(SettingError, match="ratio"):
+            match(unit(3, 16, 0), unit(3, 16, 0), ratio=ratio)
     with pytest.raises(SettingError, match="no descriptors"):
         match(np.zeros((2, 0), np.float32), np.zeros((2, 0), np.float32))

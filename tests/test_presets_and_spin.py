@@ -10,8 +10,8 @@ import numpy as np
 import onnxruntime as ort
 import pytest
 
-from elf_runtime import PRESETS, DetectionParams, ElfRuntime, preset, sessions
-from elf_runtime.session import bundled_model, open_session
+from elf_runtime import PRESETS, DetectionParams, ElfRuntime, ProviderError, preset, sessions
+from elf_runtime.session import bundled_model, open_session, resolve_providers
 from helpers import TINY, textured
 
 
@@ -97,6 +97,27 @@ def test_where_the_provider_does_not_start_the_bundled_file_suits_the_cpu(monkey
     assert tried == [[MISSING[0], "CPUExecutionProvider"], ["CPUExecutionProvider"], ["CPUExecutionProvider"]]
 
 
+@pytest.mark.parametrize("fallback", [False, True])
+def test_a_provider_that_does_not_start(monkeypatch: pytest.MonkeyPatch, fallback: bool) -> None:
+    real = ort.InferenceSession
+
+    def on_cpu(model: Any, options: Any, providers: Any) -> Any:
+        """As ONNX Runtime does: it leaves a session of the CPU."""
+        return real(model, options, providers=["CPUExecutionProvider"])
+
+    monkeypatch.setattr("elf_runtime.session.ort.get_available_providers", ort.get_all_providers)
+    monkeypatch.setattr("elf_runtime.session.ort.InferenceSession", on_cpu)
+    words = "CUDAExecutionProvider is installed but did not start"
+    with pytest.warns(RuntimeWarning, match=words) if fallback else pytest.raises(ProviderError, match=words):
+        open_session(TINY, "cuda", fallback=fallback)
+
+
+def test_a_provider_s_options_are_kept() -> None:
+    given = ["cpu", ("CPU", {"use_arena": "0"})]
+    wanted = ["CPUExecutionProvider", ("CPUExecutionProvider", {"use_arena": "0"})]
+    assert resolve_providers(given, fallback=False) == wanted
+
+
 def test_the_bundled_model_says_which_it_is() -> None:
     contract = ElfRuntime().contract
     assert contract.precision == "int8"
@@ -117,6 +138,26 @@ def test_the_presets_are_these() -> None:
     for name in ("fast", "default", "accurate"):
         assert preset(name, "xception") == preset(name)
         assert f"{preset(name).scale:g}" in (preset.__doc__ or "")
+
+
+def test_the_paper_s_table() -> None:
+    """(denoise, threshold_blur) of each experiment, by network; all else is the same."""
+    vgg, wide = ((5, 5.0), (5, 4.0)), (17, 6.0)
+    table = {
+        "paper": {
+            "vgg": vgg, "xception": ((9, 3.0), (5, 4.0)), "superpoint": ((7, 2.0), wide),
+            "sobel": ((9, 9.0), (5, 4.0)), "laplacian": ((9, 9.0), (5, 4.0)),
+        },
+        "paper-webcam": {"vgg": vgg, "xception": ((9, 9.0), (5, 4.0)), "superpoint": ((7, 2.0), wide)},
+        "paper-robust": dict.fromkeys(("vgg", "xception", "superpoint"), ((5, 2.0), wide)),
+        "paper-components": {
+            "vgg": ((5, 5.0), (5, 5.0)), "xception": ((9, 3.0), (5, 5.0)), "superpoint": ((7, 2.0), (5, 5.0)),
+        },
+    }  # fmt: skip
+    for name, networks in table.items():
+        for network, (denoise, threshold_blur) in networks.items():
+            wanted = DetectionParams(denoise, threshold_blur, "kapur", 10, 10, 500, 1.0, quantize=True)
+            assert preset(name, network) == wanted, (name, network)
 
 
 def test_default_is_the_model_s_own() -> None:
@@ -144,6 +185,12 @@ def test_spin_reaches_the_session(spin: bool | None, within: str, stops: str) ->
     options = session.get_session_options()
     assert options.get_session_config_entry("session.intra_op.allow_spinning") == within
     assert options.get_session_config_entry("session.force_spinning_stop") == stops
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_threads_reach_the_session(threads: int) -> None:
+    session, _ = open_session(TINY, threads=threads)
+    assert session.get_session_options().intra_op_num_threads == threads
 
 
 @pytest.mark.parametrize("spin", [None, False])

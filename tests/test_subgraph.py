@@ -9,6 +9,7 @@ import pytest
 
 from elf_runtime import ModelError
 from elf_runtime.onnx_file import read_onnx
+from elf_runtime.protobuf import encoded
 from elf_runtime.session import open_session
 from elf_runtime.subgraph import with_outputs
 
@@ -48,3 +49,18 @@ def test_an_unknown_output_is_named() -> None:
 def test_no_model_is_a_model_error(data: bytes) -> None:
     with pytest.raises(ModelError, match="not an ONNX model"):
         with_outputs(data, ["saliency"])
+
+
+def test_a_missing_file_is_a_model_error(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match=r"none\.onnx: No such file"):
+        with_outputs(tmp_path / "none.onnx", ["saliency"])
+
+
+@pytest.mark.parametrize("field", [6, 11], ids=["g", "graphs"])
+def test_a_node_with_a_graph_of_its_own_is_refused(field: int) -> None:
+    """What that graph reads from outside is in no node's inputs."""
+    attribute = encoded(1, b"then_branch") + encoded(field, encoded(2, b"inner"))
+    node = encoded(1, b"x") + encoded(2, b"y") + encoded(3, b"choice") + encoded(4, b"If") + encoded(5, attribute)
+    model = encoded(7, encoded(1, node) + encoded(12, encoded(1, b"y")))
+    with pytest.raises(ModelError, match=r"node 'choice' \(If\) has a graph of its own"):
+        with_outputs(model, ["y"])

@@ -89,11 +89,27 @@ def test_eight_bits_truncate_as_an_image_does() -> None:
     assert out.tolist() == [[0, 127, 254, 255]]
 
 
+def test_eight_bits_saturate_beyond_the_quantile() -> None:
+    saliency = np.array([[0.0, 1.0, 2.0, 3.0, 1000.0]], np.float32)
+    out = normalized(saliency, DetectionParams(quantize=True, normalize=0.6))
+    assert out.tolist() == [[0, 127, 255, 255, 255]]
+
+
 @pytest.mark.parametrize("quantize", [False, True])
 def test_an_all_zero_map_has_an_empty_mask(quantize: bool) -> None:
     scores, mask = scores_and_mask(np.zeros((32, 32), np.float32), DetectionParams(quantize=quantize))
     assert not mask.any()
     assert not scores.any()
+
+
+@pytest.mark.parametrize("quantize", [False, True])
+def test_a_quantile_of_zero_falls_back_to_the_maximum(quantize: bool) -> None:
+    """A map that is zero but for a few pixels: its 0.95 quantile is 0, and there are keypoints all the same."""
+    saliency = np.zeros((40, 60), np.float32)
+    saliency[10:12, 20:22] = 3.0
+    params = DetectionParams(normalize=0.95, quantize=quantize)
+    assert normalized(saliency, params).max() == 255
+    assert scores_and_mask(saliency, params)[1][10:12, 20:22].all()
 
 
 def test_an_outlier_does_not_squash_the_histogram() -> None:

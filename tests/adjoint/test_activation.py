@@ -33,6 +33,7 @@ CASES = [
         dynamic_from=13,
     ),
     Case("thresholded_relu", "ThresholdedRelu", SHAPE, lambda x: F.threshold(x, 0.5, 0), {"alpha": 0.5}),
+    Case("thresholded_relu_default", "ThresholdedRelu", SHAPE, lambda x: F.threshold(x, 1.0, 0), draw=wide),
     Case(
         "thresholded_relu_below_0",
         "ThresholdedRelu",

@@ -20,12 +20,19 @@ from helpers import textured
 CHANNELS = 5
 # Pads at the top, on the left, below, on the right, of 3x3 kernels: phases of (H + 1) // 2 rows, and of H // 2 + 1.
 DOWN = {"down1": (1, 1, 1, 1), "down2": (0, 0, 1, 1)}
+# As DOWN's, of convolutions whose output is of another size than their input.
+OTHER_SIZE = {"conv_less": (0, 0, 0, 0), "conv_more": (2, 2, 2, 2), "conv_narrower": (1, 0, 1, 0)}
+
+
+def pads_of(kind: str, kernel: np.ndarray) -> tuple[int, int, int, int]:
+    h, w = kernel.shape[2:]
+    return OTHER_SIZE.get(kind, ((h - 1) // 2, (w - 1) // 2, h // 2, w // 2))
 
 
 def chain(layers: list[str], kernels: dict[str, np.ndarray]) -> onnx.ModelProto:
     """x (N, 3, H, W) through `layers`.
 
-    convN (same size), downN (depthwise, every 2 pixels), relu, relu6, pool, add (the value and itself).
+    convN (same size), OTHER_SIZE's, downN (depthwise, every 2 pixels), relu, relu6, pool, add (the value and itself).
     """
     nodes, tensors, value = [], [], "x"
     for index, kind in enumerate(layers):
@@ -34,8 +41,7 @@ def chain(layers: list[str], kernels: dict[str, np.ndarray]) -> onnx.ModelProto:
             kernel = kernels[kind]
             if kind not in {tensor.name for tensor in tensors}:
                 tensors.append(numpy_helper.from_array(kernel, kind))
-            pads = [(k - 1) // 2 for k in kernel.shape[2:]] + [k // 2 for k in kernel.shape[2:]]
-            nodes.append(helper.make_node("Conv", [value, kind], [out], name=out, pads=pads))
+            nodes.append(helper.make_node("Conv", [value, kind], [out], name=out, pads=pads_of(kind, kernel)))
         elif kind.startswith("down"):
             tensors.append(numpy_helper.from_array(kernels[kind], kind))
             form = {"pads": DOWN[kind], "strides": [2, 2], "group": len(kernels[kind])}
@@ -62,8 +68,8 @@ def by_torch(layers: list[str], kernels: dict[str, np.ndarray], x: np.ndarray) -
     value = image
     for kind in layers:
         if kind.startswith("conv"):
-            k = kernels[kind].shape[2:]
-            framed = torch.nn.functional.pad(value, [(k[1] - 1) // 2, k[1] // 2, (k[0] - 1) // 2, k[0] // 2])
+            top, left, bottom, right = pads_of(kind, kernels[kind])
+            framed = torch.nn.functional.pad(value, [left, right, top, bottom])
             value = torch.nn.functional.conv2d(framed, torch.tensor(kernels[kind]))
         elif kind.startswith("down"):
             top, left, bottom, right = DOWN[kind]
@@ -154,6 +160,18 @@ def test_exact_in_float64(name: str, kernel: tuple[int, int], size: tuple[int, i
     wanted = by_torch(layers, kernels, x)
     assert found.shape == wanted.shape
     assert np.abs(found - wanted).max() <= 1e-10 * np.abs(wanted).max(), f"seed {seed}"
+
+
+@pytest.mark.parametrize("kind", OTHER_SIZE)
+def test_convolutions_that_change_the_size(kind: str) -> None:
+    rng = np.random.default_rng(0)
+    kernels = {name: eighths(rng.standard_normal((CHANNELS, c, 3, 3))) for name, c in (("conv1", 3), (kind, CHANNELS))}
+    layers, x = ["conv1", kind, "pool"], eighths(rng.standard_normal((1, 3, 13, 16)))
+    graph = Graph(chain(layers, kernels))
+    found = evaluated(graph, build_adjoint(graph, graph.model.graph.output[0].name, "x"), x)
+    wanted = by_torch(layers, kernels, x)
+    assert found.shape == wanted.shape
+    assert np.abs(found - wanted).max() <= 1e-10 * np.abs(wanted).max()
 
 
 @pytest.mark.parametrize("name", CHAINS)

@@ -11,10 +11,11 @@ import pytest
 from scenes import SIZE, photograph
 
 from elf_eval.datasets import open_dataset
+from elf_eval.datasets.strecha import read_camera
 from elf_eval.errors import EvalError
 from elf_eval.geometry import warp
 from elf_eval.images import ImageRef
-from elf_eval.truth import through_depth
+from elf_eval.truth import _look_up, through_depth
 from elf_eval.views import RandomHomography, Rotation, Zoom, homography_through, warp_image
 
 WORKING = (160, 120)
@@ -173,6 +174,16 @@ def test_a_synthetic_pair_maps_what_it_shows(tmp_path):
     assert np.array_equal(again, pair.second.open(WORKING).pixels)
 
 
+def test_every_synthetic_view_is_another(tmp_path):
+    for n in range(3):
+        cv2.imwrite(str(tmp_path / f"{n}.png"), photograph(n))
+    pairs = open_dataset(f"synthetic:{tmp_path}?count=4&seed=7").pairs
+    assert [pair.second.view.seed for pair in pairs] == list(range(7, 19))
+    for strength in (0.0, 0.5):
+        with pytest.raises(EvalError, match="strength"):
+            open_dataset(f"synthetic:{tmp_path}?strength={strength}")
+
+
 def test_homography_through_four_points(rng):
     source, target = rng.uniform(0, 100, (4, 2)), rng.uniform(0, 100, (4, 2))
     q = np.column_stack([source, np.ones(4)]) @ homography_through(source, target).T
@@ -205,6 +216,25 @@ def test_strecha_with_depth(tmp_path):
     assert small == pytest.approx((there[:1] + 0.5) * [0.8, 0.75] - 0.5)
 
 
+def test_a_camera_file_s_point_lands_where_it_says(tmp_path):
+    """x ~ K R^T (X - C), with a rotation that its transpose is not."""
+    rotation, centre = cv2.Rodrigues(np.array([0.1, 0.2, 0.3]))[0], np.array([3.0, -2.0, 1.0])
+    numbers = [100, 0, 50, 0, 100, 40, 0, 0, 1, 0, 0, 0, *rotation.ravel(), *centre, 100, 80]
+    (tmp_path / "a.camera").write_text(" ".join(map(repr, map(float, numbers))))
+    intrinsics, to_camera = read_camera(tmp_path / "a.camera")
+    assert intrinsics == pytest.approx(np.array([[100.0, 0, 50], [0, 100, 40], [0, 0, 1]]))
+    point = np.array([3.0, 1.0, 9.0])
+    assert (to_camera @ [*point, 1.0])[:3] == pytest.approx(rotation.T @ (point - centre))
+
+
+@pytest.mark.parametrize(("option", "count"), [("", 3), ("?step=1", 2), ("?step=2", 3)])
+def test_strecha_pairs_at_most_so_many_apart(tmp_path, option, count):
+    write_strecha(tmp_path / "wall", depth=False)
+    for name in ("0001.png", "0001.png.camera"):
+        shutil.copy(tmp_path / "wall" / name, tmp_path / "wall" / name.replace("0001", "0002"))
+    assert len(open_dataset(f"strecha:{tmp_path}{option}").pairs) == count
+
+
 def test_strecha_without_depth_knows_the_pose_alone(tmp_path):
     write_strecha(tmp_path / "wall", depth=False)
     truth = between(open_dataset(f"strecha:{tmp_path}").pairs[0])
@@ -225,6 +255,20 @@ def test_what_is_hidden_has_no_image():
     assert through_depth(points, far, far, k, k, np.eye(4)) == pytest.approx(points)
     assert np.isnan(through_depth(points, far, near, k, k, np.eye(4))).all()
     assert np.isnan(through_depth(points, far * 0, far, k, k, np.eye(4))).all()
+
+
+@pytest.mark.parametrize(("depth", "seen"), [(4.8, True), (4.7, False), (5.2, True), (5.3, False)])
+def test_a_depth_five_percent_off_is_another_thing(depth, seen):
+    camera = np.array([[100.0, 0, 20], [0, 100, 15], [0, 0, 1]])
+    first, second = (np.full((30, 40), d, np.float32) for d in (5.0, depth))
+    found = through_depth(np.array([[10.0, 10.0]]), first, second, camera, camera, np.eye(4))
+    assert np.isfinite(found).all() == seen
+
+
+def test_depth_is_known_on_the_map_and_above_zero_only():
+    depth = np.array([[1.0, 2.0, 0.0], [4.0, -5.0, 6.0]], np.float32)
+    places = [[0.4, 0.4], [2.4, 1.4], [2.0, 0.0], [1.0, 1.0], [3.0, 0.0], [0.0, 2.0], [-0.6, 0.0], [np.nan, 0.0]]
+    np.testing.assert_array_equal(_look_up(depth, np.array(places)), [1.0, 6.0] + [np.nan] * 6)
 
 
 def pairs_line(turns=0):
@@ -254,6 +298,23 @@ def test_quarter_turns_carry_the_camera_along(tmp_path):
         image = ImageRef("a", tmp_path / "a.png", quarter_turns=turns).open(None)
         x, y = warp(image.to_working, [[30.0, 50.0]])[0]
         assert np.array_equal(image.pixels[round(y), round(x)], pixels[50, 30])
+
+
+def test_an_image_is_turned_before_it_is_resized(tmp_path):
+    """60x20 pixels become 20x60, and those 10x120; the top left corner comes to the bottom left."""
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((20, 60, 3), np.uint8))
+    image = ImageRef("a.png", tmp_path / "a.png", quarter_turns=1).open((10, 120))
+    corners = np.array([[-0.5, -0.5], [59.5, -0.5], [59.5, 19.5]])
+    assert warp(image.to_working, corners) == pytest.approx(np.array([[-0.5, 119.5], [-0.5, -0.5], [9.5, -0.5]]))
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_only_derived_images_are_resized_bit_exactly(photo_file, exact):
+    pixels = cv2.imread(str(photo_file))
+    methods = (cv2.INTER_LINEAR_EXACT, cv2.INTER_LINEAR)
+    wanted, other = (cv2.resize(pixels, WORKING, interpolation=m) for m in (methods if exact else methods[::-1]))
+    np.testing.assert_array_equal(ImageRef("a.png", photo_file, exact=exact).open(WORKING).pixels, wanted)
+    assert (other != wanted).any()
 
 
 def test_a_file_that_is_no_image_is_named(tmp_path):

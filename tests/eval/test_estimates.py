@@ -45,9 +45,21 @@ def test_too_few_matches_are_an_infinite_error(plane, count):
     assert corner_error(matrix, H, SIZE) == np.inf
 
 
+def test_four_matches_are_enough_for_a_homography():
+    square = np.array([[0.0, 0.0], [90.0, 3.0], [80.0, 70.0], [5.0, 60.0]])
+    matrix, inliers = estimate_homography(square, square + np.array([10.0, 20.0]), Ransac())
+    assert matrix == pytest.approx(np.array([[1, 0, 10], [0, 1, 20], [0, 0, 1]]), abs=1e-6)
+    assert inliers.all()
+
+
 def test_corner_error_is_a_mean_in_pixels():
     shift = np.array([[1.0, 0, 3], [0, 1, 4], [0, 0, 1]])
     assert corner_error(shift @ H, H, SIZE) == pytest.approx(5.0, abs=1e-9)
+
+
+def test_a_corner_behind_the_horizon_is_an_infinite_error():
+    behind = np.array([[1.0, 0, 0], [0, 1, 0], [-0.1, 0, 1]])
+    assert corner_error(behind, np.eye(3), (64, 48)) == np.inf
 
 
 def two_views(rng, turn, translation):
@@ -77,3 +89,10 @@ def test_pose_error_is_the_larger_angle_and_has_no_sign():
 
 def test_too_few_matches_have_no_pose():
     assert estimate_pose(np.zeros((4, 2)), np.zeros((4, 2)), K, K, Ransac())[0] is None
+
+
+def test_five_matches_are_enough_for_a_pose(rng):
+    p1, p2 = two_views(rng, 0.0, np.array([0.5, 0.1, 0.0]))
+    pose, inliers = estimate_pose(p1[:5], p2[:5], K, K, Ransac("RANSAC", 1.0, 1000))
+    assert pose is not None
+    assert inliers.sum() == 5

@@ -93,6 +93,21 @@ def test_gradient_saliency_of_a_ramp():
     assert gradient_saliency(ramp, "laplacian")[2:-2, 2:-2] == pytest.approx(0.0)
 
 
+def test_gradient_saliency_sees_edges_of_both_directions():
+    ramp = np.arange(12, dtype=np.float32)[None].repeat(12, 0)
+    assert gradient_saliency(ramp.T.copy(), "sobel")[1:-1, 1:-1] == pytest.approx(8.0)
+    assert gradient_saliency(3 * ramp + 4 * ramp.T, "sobel")[1:-1, 1:-1] == pytest.approx(40.0)
+
+
+def test_gradients_without_a_border(image):
+    assert len(open_method("sobel?border=0").extract(image, 50)) > 0
+
+
+@pytest.mark.parametrize("kind", ["sobel", "laplacian"])
+def test_gradients_have_the_paper_s_blur_for_them(kind):
+    assert '"denoise": [9, 9.0]' in open_method(kind).fingerprint
+
+
 def write_npz(folder, name, points, **more):
     path = folder / f"{name}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -106,6 +121,11 @@ def test_precomputed_npz_in_d2_nets_style(image, tmp_path):
     found = open_method(f"npz:{tmp_path}").extract(image, 2)
     assert found.keypoints.tolist() == [[30, 40], [50, 60]]
     assert found.descriptors.tolist() == descriptors[[1, 2]].tolist()
+
+
+def test_precomputed_without_scores_are_strongest_first(image, tmp_path):
+    write_npz(tmp_path, image.name, [[1, 2], [3, 4], [5, 6]])
+    assert open_method(f"npz:{tmp_path}").extract(image, 2).keypoints.tolist() == [[1, 2], [3, 4]]
 
 
 def test_precomputed_keypoints_follow_the_resized_image(photo_file, tmp_path):
@@ -220,6 +240,9 @@ def test_xfeat_samples_a_plane_exactly_between_cell_centres(cubic):
 def test_features_are_sorted_with_ties_in_their_order():
     found = LocalFeatures.build([[0, 0], [1, 1], [2, 2]], [1, 2, 2])
     assert found.keypoints.tolist() == [[1, 1], [2, 2], [0, 0]]
+    points = np.arange(200.0).reshape(100, 2)
+    found = LocalFeatures.build(points, np.arange(100) % 2)
+    np.testing.assert_array_equal(found.keypoints, np.concatenate([points[1::2], points[::2]]))
 
 
 def test_xfeat_on_a_photograph(shared):

@@ -22,6 +22,7 @@ from elf_eval.metrics import (
     paired_difference,
     repeatability_and_matching_score,
 )
+from elf_eval.metrics.statistics import Difference
 
 SIZE1, SIZE2 = (60, 40), (50, 45)
 H = np.array([[0.9, 0.1, 3.0], [-0.08, 1.1, 2.0], [1e-3, -5e-4, 1.0]])
@@ -198,3 +199,24 @@ def test_a_paired_difference_sees_what_the_spread_of_scenes_hides(rng):
     noise = paired_difference(a, {k: v + float(rng.normal(0, 0.05)) for k, v in a.items()})
     assert noise.is_noise
     assert paired_difference(a, {"0": 1.0}).is_noise  # a single scene tells nothing
+
+
+def test_a_p_value_is_never_zero():
+    scenes = [str(n) for n in range(20)]
+    found = paired_difference(dict.fromkeys(scenes, 1.0), dict.fromkeys(scenes, 2.0))
+    assert found.p == pytest.approx(2 / 5001)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "noise"),
+    [
+        (0.0, 2.0, True),
+        (-1.0, 0.0, True),
+        (-1.0, 1.0, True),
+        (math.nan, math.nan, True),
+        (0.1, 2.0, False),
+        (-2.0, -0.1, False),
+    ],
+)
+def test_an_interval_that_holds_zero_is_noise(low, high, noise):
+    assert Difference(0.5, low, high, 0.5).is_noise == noise

@@ -273,8 +273,10 @@ def test_an_output_that_can_t_be_written_is_one_line(suite_file, tmp_path, capsy
 def test_a_reader_that_has_seen_enough_ends_the_command_quietly():
     reader, writer = os.pipe()
     os.close(reader)
+    env = dict(os.environ)
+    env.pop("PYTHONUNBUFFERED", None)  # with it, nothing is left to be flushed at exit
     command = [sys.executable, "-m", "elf_eval.cli", "list"]
-    ended = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    ended = subprocess.run(command, env=env, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
     os.close(writer)
     assert (ended.returncode, ended.stderr) == (1, "")
 

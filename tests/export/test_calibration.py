@@ -67,6 +67,19 @@ def test_of_a_large_image_the_middle_is_taken_at_its_own_scale(tmp_path: Path) -
     np.testing.assert_array_equal(batch[0], image[top : top + h, left : left + w])
 
 
+def test_what_is_cut_is_what_exceeds_at_the_working_scale(tmp_path: Path) -> None:
+    """At half the scale four times the pixels fit; where a graph has one size, all is taken."""
+    image = write(tmp_path, "a.png", 960, 1280)
+    assert MOST_PIXELS == 480 * 640
+    images = calibration_set(tmp_path)
+    for spec, scale, size in ((FREE, 0.5, (640, 480)), (InputSpec(height=48, width=64), 1.0, (64, 48))):
+        (batch,) = images.batches(spec, scale)
+        whole = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        np.testing.assert_allclose(batch[0], whole, atol=1e-3)
+    (full,) = images.batches(FREE, 1.0)
+    np.testing.assert_array_equal(full[0], image[240:720, 320:960])
+
+
 def test_images_are_made_what_the_graph_takes(tmp_path: Path) -> None:
     write(tmp_path, "a.png", 40, 60)
     images = calibration_set(tmp_path)

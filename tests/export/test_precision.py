@@ -52,6 +52,14 @@ def weights_of(name: str, folder: Path) -> Path:
     return path
 
 
+def test_the_share_is_of_the_points_that_are_looked_for() -> None:
+    points = np.array([[0.0, 0.0], [50.0, 50.0], [9.0, 9.0], [20.0, 21.0]], np.float32)
+    others = np.array([[0.6, 0.8], [20.0, 20.0]], np.float32)
+    assert agreement._near(points, others) == 0.5
+    assert agreement._near(others, points) == 1.0
+    assert (agreement._near(points[:0], others), agreement._near(points, others[:0])) == (1.0, 0.0)
+
+
 # -- named networks ------------------------------------------------------------------------------------------------
 
 # Least correlation of the saliency with float32's on two drawn pictures.

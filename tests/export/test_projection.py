@@ -331,3 +331,9 @@ def test_options_that_do_not_go_together(
         main(["--net", "vgg", *options])
     assert stop.value.code == 2
     assert message in capsys.readouterr().err
+
+
+def test_channels_that_do_not_vary_keep_nothing() -> None:
+    found = fit([np.ones((10, 4), np.float32)], Reduction(2, "channels"))
+    assert found.kept == 0.0
+    np.testing.assert_array_equal(found.matrix, np.eye(4)[:, :2])
