@@ -43,7 +43,7 @@ def spread(state: Rewriting, node: onnx.NodeProto) -> None:
     begin = given.get("pads", [0, 0])[:2]
     parts = []
     for wanted in [phases] if together else [[phase] for phase in phases]:
-        name = f"{y}/phase" + ("s" if together else "_{}{}".format(*wanted[0]))
+        name = all_phases(y) if together else "{}/phase_{}{}".format(y, *wanted[0])
         parts.append(_convolved(state, node, kernel, stride, begin, wanted, name, scheme))
     q = _interleaved(state, y, parts, stride, len(kernel))
     if not magnitude:
@@ -52,6 +52,11 @@ def spread(state: Rewriting, node: onnx.NodeProto) -> None:
     both = f"{y}/both"
     state.dequantize(both, q, scheme)
     magnitude_of_two(state, y, both, count)
+
+
+def all_phases(y: str) -> str:
+    """Name of the phases of y that one convolution makes."""
+    return f"{y}/phases"
 
 
 def _is_magnitude(state: Rewriting, y: str) -> bool:
