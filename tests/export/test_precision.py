@@ -67,8 +67,15 @@ LEAST = {"int8": 0.8, "fp16": 0.99, "bf16": 0.97}
 
 
 @pytest.mark.usefixtures("small_probes")
-@pytest.mark.parametrize("precision", LEAST)
-@pytest.mark.parametrize("name", ["alexnet", "xception", "squeezenet", "resnet18", "mobilenet_v2"])
+@pytest.mark.parametrize(
+    ("name", "precision"),
+    [
+        (name, precision)
+        for name in ("alexnet", "xception", "squeezenet", "resnet18", "mobilenet_v2")
+        for precision in LEAST
+        if (name, precision) != ("alexnet", "int8")
+    ],
+)
 def test_named_networks(tmp_path: Path, pictures: Path, name: str, precision: str) -> None:
     said: list[str] = []
     result = export_network(
@@ -92,17 +99,23 @@ def test_named_networks(tmp_path: Path, pictures: Path, name: str, precision: st
 
 @pytest.mark.usefixtures("small_probes")
 @pytest.mark.parametrize(
-    ("precision", "message"),
+    ("name", "precision", "message"),
     [
-        ("int8", "int8: 8-bit integers make no convolution of this network faster; use fp32, fp16 or bf16"),
-        ("fp16", r"fp16 overflows in this network: its saliency is not finite\. No file was written"),
+        ("superpoint", "int8", "make no convolution of this network faster; use fp32, fp16 or bf16"),
+        ("alexnet", "int8", "int8: 8-bit integers make no convolution of this network faster"),
+        ("superpoint", "fp16", r"fp16 overflows in this network: its saliency is not finite\. No file was written"),
     ],
 )
-def test_what_a_network_does_not_survive(tmp_path: Path, pictures: Path, precision: str, message: str) -> None:
-    """SuperPoint's conv1a is one linear layer of large weights: 25 multiplications a pixel, up to 350000 each."""
+def test_what_a_network_does_not_survive(
+    tmp_path: Path, pictures: Path, name: str, precision: str, message: str
+) -> None:
+    """SuperPoint's conv1a is one linear layer of large weights: 25 multiplications a pixel, up to 350000 each.
+
+    AlexNet's response normalisation stays in floats, between its few convolutions.
+    """
     with pytest.raises(ExportError, match=message):
         export_network(
-            "superpoint", descriptors=[], output=tmp_path / "a.onnx", weights=weights_of("superpoint", tmp_path),
+            name, descriptors=[], output=tmp_path / "a.onnx", weights=weights_of(name, tmp_path),
             precision=precision, calibration=pictures,
         )  # fmt: skip
     assert not list(tmp_path.iterdir())
