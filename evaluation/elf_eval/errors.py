@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
+from elf_runtime.errors import reason as reason
+
 
 class EvalError(Exception):
     """What was wrong (file, pair, option), what was expected, and what to do next."""
-
-
-def reason(error: BaseException) -> str:
-    """The error's text; an OSError's without its number and file."""
-    return (isinstance(error, OSError) and error.strerror) or str(error)
 
 
 def explained(error: BaseException) -> str:

@@ -6,15 +6,14 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from elf_runtime.files import unwritable
+from elf_runtime.files import existing, unwritable
 
 from .errors import EvalError
 
 
 def check_folder(folder: Path) -> None:
     """Refuse a folder that is none, or that nothing can be written into; one that is missing is not made yet."""
-    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-    if reason := unwritable(there):
+    if reason := unwritable(existing(folder)):
         raise EvalError(reason)
 
 

@@ -212,10 +212,7 @@ class ElfRuntime:
         params = self.params(preset, **settings)
         spec = self.contract.descriptor(descriptor)
         watch = Stopwatch()
-        with watch("read"):
-            array = images.read(image)
-        with watch("prepare"), images.named(image):
-            work = self._prepare(array, params, mask)
+        work = self._prepare(image, params, mask, watch=watch)
         with watch("session"):
             saliency, maps = self._run(work.pixels[None], [spec] if spec else []) if work.textured else (None, {})
         return self._finish(work, params, spec, saliency[0] if saliency is not None else None, maps, 0, watch)
@@ -267,9 +264,8 @@ class ElfRuntime:
             group.clear()
 
         for i, item in enumerate(batch):
-            array = images.read(item)
-            with images.named(item, f"image {i} of the batch"):
-                work = self._prepare(array, params, masks[i] if masks is not None else None)
+            mask = masks[i] if masks is not None else None
+            work = self._prepare(item, params, mask, f"image {i} of the batch")
             if group and (len(group) == most or work.pixels.shape != group[0].pixels.shape):
                 flush()
             group.append(work)
@@ -285,9 +281,7 @@ class ElfRuntime:
         (H, W) float32
             At the size of the source image (interpolated where the working scale is not 1); zero for a flat image.
         """
-        array = images.read(image)
-        with images.named(image):
-            work = self._prepare(array, self.params(None, scale=scale), None)
+        work = self._prepare(image, self.params(None, scale=scale), None)
         if not work.textured:
             return np.zeros(work.size, np.float32)
         found: Array = self._run(work.pixels[None], [])[0][0]
@@ -321,9 +315,7 @@ class ElfRuntime:
         if spec is None:
             raise SettingError(f"{self._name}: exported with --desc none, it can't describe")
         where = as_points(points)
-        array = images.read(image)
-        with images.named(image):
-            work = self._prepare(array, self.params(None, scale=scale), None)
+        work = self._prepare(image, self.params(None, scale=scale), None)
         if len(where) == 0:
             return np.zeros((0, spec.dim), np.float32)
         maps = self._run(work.pixels[None], [spec], saliency=False)[1]
@@ -357,8 +349,19 @@ class ElfRuntime:
         base = self.contract.detection if name in (None, "default") else preset(name, self.contract.network)
         return base.updated(**settings)
 
-    def _prepare(self, array: npt.NDArray[Any], params: DetectionParams, mask: npt.ArrayLike | None) -> Work:
-        return prepared(array, params, mask, self.contract.input, self._name)
+    def _prepare(
+        self,
+        image: ImageLike,
+        params: DetectionParams,
+        mask: npt.ArrayLike | None,
+        place: str = "",
+        watch: Stopwatch | None = None,
+    ) -> Work:
+        watch = watch or Stopwatch()
+        with watch("read"):
+            array = images.read(image)
+        with watch("prepare"), images.named(image, place):
+            return prepared(array, params, mask, self.contract.input, self._name)
 
     def _run(
         self, pixels: Array, specs: Sequence[DescriptorSpec], saliency: bool = True

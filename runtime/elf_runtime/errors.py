@@ -25,3 +25,8 @@ class ImageError(ElfError, ValueError):
 
 class SettingError(ElfError, ValueError):
     """A detection setting outside its range, or an unknown preset."""
+
+
+def reason(error: BaseException) -> str:
+    """The error's text; an OSError's without its number and file."""
+    return (isinstance(error, OSError) and error.strerror) or str(error)

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from .errors import ElfError
+from .errors import ElfError, reason
 from .files import write_atomically
 
 Array = npt.NDArray[np.float32]
@@ -109,8 +109,7 @@ class Features:
                 radius = float(data["nms_radius"]) if "nms_radius" in data else cls.nms_radius
                 points, scores, rows = (_floats(data, name) for name in ("keypoints", "scores", "descriptors"))
         except Exception as error:  # what numpy, zipfile and zlib raise on a damaged file has no common base
-            reason = (isinstance(error, OSError) and error.strerror) or str(error)
-            raise ElfError(f"{path}: not a feature file: {reason}") from error
+            raise ElfError(f"{path}: not a feature file: {reason(error)}") from error
         shapes = (points.shape, scores.shape, rows.shape)
         if rows.ndim != 2 or points.shape != (len(rows), 2) or scores.shape != (len(rows),):
             raise ElfError(f"{path}: keypoints, scores and descriptors have shapes {shapes}, not (N, 2), (N,), (N, D)")

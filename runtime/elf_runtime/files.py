@@ -14,6 +14,11 @@ def discard_stdout() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+def existing(folder: Path) -> Path:
+    """`folder`, or the nearest above it that is there: where one that is to be made begins."""
+    return next(path for path in (folder, *folder.resolve().parents) if path.exists())
+
+
 def unwritable(folder: Path) -> str | None:
     """Why no file can be put into `folder`, in words; None where one can."""
     if not folder.exists():

@@ -68,7 +68,6 @@ class DetectionParams:
                 raise SettingError(f"{name} is (mu, sigma) with mu odd and >= 1 and sigma > 0, not {blur!r}")
             object.__setattr__(self, name, (int(blur[0]), float(blur[1])))
         if isinstance(self.threshold, str):
-            object.__setattr__(self, "threshold", str(self.threshold))
             if self.threshold not in ("kapur", "none"):
                 raise SettingError(f"threshold is 'kapur', 'none' or a number in [0, 1], not {self.threshold!r}")
         elif not _is_number(self.threshold) or not 0.0 <= self.threshold <= 1.0:
@@ -83,8 +82,8 @@ class DetectionParams:
         if not _is_number(self.normalize) or not 0.0 < self.normalize <= 1.0:
             raise SettingError(f"normalize is a quantile in (0, 1], not {self.normalize!r}")
         for name in ("threshold", "scale", "normalize"):
-            if not isinstance(value := getattr(self, name), str):
-                object.__setattr__(self, name, float(value))
+            value = getattr(self, name)
+            object.__setattr__(self, name, str(value) if isinstance(value, str) else float(value))
         for name in ("quantize", "subpixel"):
             if not isinstance(getattr(self, name), bool):
                 raise SettingError(f"{name} is True or False, not {getattr(self, name)!r}")

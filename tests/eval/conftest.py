@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
+from elf_eval import jobs
+
 sys.path.insert(0, str(Path(__file__).parent))
 from scenes import photograph, write_hpatches
 
@@ -41,6 +43,26 @@ def photo_file(tmp_path) -> Path:
     path = tmp_path / "photo.png"
     cv2.imwrite(str(path), photograph(3))
     return path
+
+
+@pytest.fixture
+def interrupted_at(monkeypatch):
+    """Given n, lets Ctrl-C come with the n-th pair that is evaluated, once; returns the list of those begun."""
+    work = jobs.run_pair
+
+    def at(count: int) -> list[object]:
+        begun: list[object] = []
+
+        def run_pair(job):
+            begun.append(job)
+            if len(begun) == count:
+                raise KeyboardInterrupt
+            return work(job)
+
+        monkeypatch.setattr("elf_eval.runner.run_pair", run_pair)
+        return begun
+
+    return at
 
 
 @pytest.fixture

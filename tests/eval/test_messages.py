@@ -9,7 +9,6 @@ import sys
 import numpy as np
 import pytest
 
-from elf_eval import jobs
 from elf_eval.arguments import build_parser
 from elf_eval.cache import extract
 from elf_eval.cli import _ACTIONS, main
@@ -54,16 +53,8 @@ def test_a_run_that_fails_before_its_first_result_leaves_nothing(command, wrong,
     assert not (tmp_path / "out").exists()
 
 
-def test_an_interrupted_command_goes_on_where_it_was(command, tmp_path, monkeypatch):
-    work, calls = jobs.run_pair, []
-
-    def interrupted(job):
-        calls.append(job)
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-        return work(job)
-
-    monkeypatch.setattr("elf_eval.runner.run_pair", interrupted)
+def test_an_interrupted_command_goes_on_where_it_was(command, tmp_path, interrupted_at):
+    calls = interrupted_at(3)
     assert main(command) == 130
     assert [path.name for path in (tmp_path / "out" / "a").iterdir()] == ["unfinished.jsonl"]
     assert main(command) == 0

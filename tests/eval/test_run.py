@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elf_eval import jobs
 from elf_eval.cache import FeatureCache, extract, load
 from elf_eval.cli import main
 from elf_eval.datasets import open_dataset
@@ -110,24 +109,15 @@ def test_half_a_cache_file_is_made_again(hpatches_folder, resources):
     assert cache.get(method, ref, SMALL)[1].digest() == made.digest()
 
 
-def test_an_interrupted_run_goes_on(suite, resources, tmp_path, monkeypatch):
+def test_an_interrupted_run_goes_on(suite, resources, tmp_path, interrupted_at):
     log = tmp_path / "log.jsonl"
     complete = run(suite, resources)
-    work, calls = jobs.run_pair, []
-
-    def interrupted(job):
-        calls.append(job)
-        if len(calls) == 7:
-            raise KeyboardInterrupt
-        return work(job)
-
-    monkeypatch.setattr("elf_eval.runner.run_pair", interrupted)
+    calls = interrupted_at(7)
     with pytest.raises(KeyboardInterrupt):
         run(suite, resources, log)
     assert len(log.read_text().splitlines()) == 6
     with open(log, "a") as file:
         file.write('["half a li')
-    calls[:] = [None] * 7  # no more interruptions
     resumed = run(suite, resources, log)
     assert len(calls) - 7 == len(complete.pairs) - 6
     assert same(resumed, complete)

@@ -26,7 +26,7 @@ def convolve(
     role: str,
     pads: Sequence[int] = (0, 0, 0, 0),
     bias: float | None = None,
-    dilations: Sequence[int] = (1, 1),
+    dilations: list[int] | None = None,
 ) -> str:
     """Each channel of x, which has as many as the node's input, convolved with the same small kernel.
 
@@ -39,15 +39,9 @@ def convolve(
     if bias is not None:
         inputs.append(ctx.const(np.broadcast_to(bias, channels), f"{role}_bias", like=like))
     return ctx.op(
-        "Conv",
-        *inputs,
-        role=role,
-        kernel_shape=size,
-        strides=strides,
-        group=channels,
-        pads=list(pads),
-        dilations=None if max(dilations) == 1 else list(dilations),
-    )
+        "Conv", *inputs, role=role,
+        kernel_shape=size, strides=strides, group=channels, pads=list(pads), dilations=dilations,
+    )  # fmt: skip
 
 
 def step(
@@ -57,7 +51,7 @@ def step(
     strides: list[int],
     role: str,
     pads: Sequence[int] = (0, 0, 0, 0),
-    dilations: Sequence[int] = (1, 1),
+    dilations: list[int] | None = None,
 ) -> str:
     """[d > 0] with d = `convolve` of the same arguments."""
     difference = convolve(ctx, x, kernel, strides, f"{role}_difference", pads, dilations=dilations)

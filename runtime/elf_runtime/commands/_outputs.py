@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from elf_runtime.errors import ElfError
-from elf_runtime.files import unwritable
+from elf_runtime.files import existing, unwritable
 
 from ._common import UsageError
 
@@ -37,7 +37,7 @@ def check_outputs(
     taken = {_identity(path): f"is {what}" for what, files in inputs.items() for path in _paths(files)}
     new = {made.resolve(), *made.resolve().parents} if made is not None else set()
     if made is not None:
-        _check_folder("-o", next(folder for folder in (made, *made.resolve().parents) if folder.exists()))
+        _check_folder("-o", existing(made))
     for option, files in outputs.items():
         for path in _paths(files):
             identity = _identity(path)

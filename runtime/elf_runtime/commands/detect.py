@@ -101,8 +101,7 @@ def _detect(elf: ElfRuntime, path: Path, stem: Path, mask: Any, args: argparse.N
     start = time.perf_counter()
     pixels = images.read(path)
     read = time.perf_counter() - start
-    with images.named(path):
-        trace = elf.trace(pixels, mask=mask, **_common.settings(args))
+    trace = elf.trace(pixels, mask=mask, **_common.settings(args))
     seconds = time.perf_counter() - start
     endings = _endings(args)
     stem.parent.mkdir(parents=True, exist_ok=True)
