@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -61,9 +61,11 @@ def run(
     Raises
     ------
     EvalError
-        On a dataset or method that can't be opened, or an image or pair that can't be evaluated.
+        On a dataset or method that can't be opened, a picture of a pair that its dataset does not have, or an image
+        or pair that can't be evaluated.
     """
     datasets = [(entry, _dataset(suite, entry)) for entry in suite.datasets]
+    _check_pictures(suite, {entry.name: dataset for entry, dataset in datasets})
     if scenes is not None:
         datasets = [(entry, dataset.only(scenes)) for entry, dataset in datasets]
     methods, skipped = _usable(suite, resources)
@@ -90,6 +92,14 @@ def _dataset(suite: Suite, entry: DatasetEntry) -> Dataset:
         return open_dataset(suite.expand(entry.spec))
     except EvalError as error:
         raise EvalError(f"{error}{suite.origin(entry)}") from error
+
+
+def _check_pictures(suite: Suite, datasets: Mapping[str, Dataset]) -> None:
+    for picture in suite.pictures:
+        try:
+            datasets[picture.dataset].pair(picture.pair)
+        except EvalError as error:
+            raise EvalError(f"picture {picture.pair!r}: {error}") from error
 
 
 def _usable(suite: Suite, resources: Resources) -> tuple[list[tuple[MethodEntry, str]], list[dict[str, str]]]:

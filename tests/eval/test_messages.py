@@ -266,6 +266,16 @@ def test_the_last_line_names_what_was_written(hpatches_folder, tmp_path, drawn, 
     assert ("matplotlib is not installed (it is in the extra 'eval')." in page) == (not drawn)
 
 
+def test_a_picture_of_no_pair_is_an_error_before_anything_runs(hpatches_folder, tmp_path, capsys):
+    wrong = PICTURE.replace("3.png", "9.png")
+    run = write_suite(tmp_path / "s.toml", hpatches_folder, [METHOD.format("SIFT", "sift"), wrong])
+    (line,) = error_of(run, capsys)
+    assert line.startswith("picture 'v_turn/1.png - v_turn/9.png': no such pair in ")
+    assert "which has '" in line
+    assert not (tmp_path / "o").exists()
+    assert not (tmp_path / "c").exists()
+
+
 def test_every_option_has_its_help():
     (commands,) = (action for action in build_parser(_ACTIONS)._actions if action.choices)
     for name, parser in commands.choices.items():

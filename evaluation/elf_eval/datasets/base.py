@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 
+from elf_eval.errors import EvalError
 from elf_eval.images import ImageRef
 from elf_eval.truth import Truth
 
@@ -53,6 +54,13 @@ class Dataset:
     def scenes(self) -> list[str]:
         """Names of the scenes, in the order of the pairs."""
         return list(dict.fromkeys(pair.scene for pair in self.pairs))
+
+    def pair(self, name: str) -> Pair:
+        """The pair of this name, such as "v_graf/1.png - v_graf/3.png"; EvalError where there is none."""
+        for pair in self.pairs:
+            if pair.name == name:
+                return pair
+        raise EvalError(f"no such pair in {self.name}, which has {self.pairs[0].name!r}, ...")
 
     def only(self, scenes: Collection[str]) -> Dataset:
         """The pairs of these scenes."""

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from elf_eval.cache import Extracted, FeatureCache
 from elf_eval.datasets import Pair, open_dataset
-from elf_eval.errors import EvalError
 from elf_eval.methods import open_methods
 from elf_eval.metrics import descriptor_distances, mutual_nearest
 from elf_eval.results import Results
@@ -22,19 +21,13 @@ _GREEN, _RED, _GREY, _BLUE = (60, 180, 60), (60, 60, 230), (160, 160, 160), (220
 
 
 def write_pictures(suite: Suite, results: Results, folder: Path, resources: Resources) -> list[Path]:
-    """The suite's pictures, of the methods that the results have; features come from the cache.
-
-    Raises
-    ------
-    EvalError
-        On a pair that its dataset does not have.
-    """
+    """The suite's pictures, of the methods that the results have; features come from the cache."""
     written = []
     cache = FeatureCache(resources.cache)
     specs = {entry.name: entry.spec for entry in suite.datasets}
     measured = {m["name"] for m in results.methods}
     for entry in suite.pictures:
-        pair = _find(open_dataset(suite.expand(specs[entry.dataset])).pairs, entry.pair)
+        pair = open_dataset(suite.expand(specs[entry.dataset])).pair(entry.pair)
         for method_entry in suite.methods:
             name = method_entry.name
             if name not in measured or (entry.methods and name not in entry.methods):
@@ -99,10 +92,3 @@ def draw_matches(
 
 def _at(x: float, y: float) -> tuple[int, int]:
     return round(float(x)), round(float(y)) + 26
-
-
-def _find(pairs: tuple[Pair, ...], name: str) -> Pair:
-    for pair in pairs:
-        if pair.name == name:
-            return pair
-    raise EvalError(f"picture {name!r}: no such pair; the dataset has {pairs[0].name!r}, ...")
