@@ -12,6 +12,7 @@ import numpy as np
 import onnx
 import pytest
 import torch
+from onnx import numpy_helper
 
 from elf_export import ExportError, LayerError, VerificationError, export_network, verify
 from elf_export.cli import main
@@ -298,7 +299,10 @@ def test_the_verification_images_have_ties_and_keypoints() -> None:
 def test_the_bundled_models_are_made_by_their_script(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, precision: str
 ) -> None:
-    """Node for node and tensor for tensor, from the weights in the package."""
+    """Node for node and tensor for tensor, from the weights in the package.
+
+    What is fitted to photographs depends on the last bits of convolutions in float32, and so on the processor.
+    """
     script = runpy.run_path(str(ROOT / "tools" / "make_bundled_model.py"))
     monkeypatch.setattr(sys, "argv", ["make_bundled_model.py"])
     globals_ = script["main"].__globals__
@@ -308,8 +312,14 @@ def test_the_bundled_models_are_made_by_their_script(
     assert script["main"]() == 0
     again, bundled = onnx.load(tmp_path / "again.onnx"), onnx.load(bundled_model(precision))
     assert [n.SerializeToString() for n in again.graph.node] == [n.SerializeToString() for n in bundled.graph.node]
-    tensors = [{t.name: t.SerializeToString() for t in m.graph.initializer} for m in (again, bundled)]
-    assert tensors[0] == tensors[1]
+    tensors, wanted = ({t.name: numpy_helper.to_array(t) for t in m.graph.initializer} for m in (again, bundled))
+    assert list(tensors) == list(wanted)
+    for name, tensor in tensors.items():
+        fitted = precision == "int8" or name in ("descriptors_conv3_2/projection", "descriptors_conv3_2/offset")
+        error = np.abs(tensor.astype(float) - wanted[name])
+        assert tensor.dtype == wanted[name].dtype
+        assert error.max() <= fitted * max(1e-5 * np.abs(wanted[name]).max(), tensor.dtype.kind == "i"), name
+        assert tensor.dtype.kind == "f" or np.mean(error > 0) <= 0.01, name  # a rounding may go the other way
     its, ours = (ElfRuntime(path).contract for path in (tmp_path / "again.onnx", bundled_model(precision)))
     assert (its.layer, its.precision, its.command) == (ours.layer, precision, ours.command)
     assert its.weights == ours.weights

@@ -294,7 +294,7 @@ def test_every_convolution_is_in_integers(network: Network) -> None:
     graph = Graph(lowered)
     makers = graph.producers()
     convolutions = [node for node in graph.nodes if node.op_type == "Conv"]
-    assert len(convolutions) >= sum(node.op_type == "Conv" for node in model.graph.node)
+    assert len(convolutions) >= sum(node.op_type == "Conv" for node in model.graph.node) - len(complements_in(model))
     for node in convolutions:
         depthwise = attributes(node).get("group", 1) > 1
         if depthwise and (node.input[0] not in makers or makers[node.input[0]].op_type != "DequantizeLinear"):
@@ -339,7 +339,31 @@ def test_masks_are_exact(network: Network) -> None:
             q = torch.nn.functional.pad(q, (left, right, top, bottom))
             form = given.get("strides", 1), 0, given.get("dilations", 1), given["group"]
             wanted = torch.nn.functional.conv2d(q, kernel, None, *form) > 0
-        np.testing.assert_array_equal(found[f"{mask}/q"], 255 * wanted.numpy(), err_msg=mask)
+        np.testing.assert_array_equal(found[f"{mask}/q"], (1 if node in signs else 255) * wanted.numpy(), err_msg=mask)
+
+
+@pytest.mark.parametrize("network", ["vgg", "no relu", "overlapping pool", "reaching pool"], indirect=True)
+def test_a_mask_s_complement_is_the_mask_s_own_integers(network: Network) -> None:
+    model, lowered, x = network
+    made = {name for node in lowered.graph.node for name in node.output}
+    pairs = [(mask, rest) for mask, rest in complements_in(model).items() if f"{mask}/q" in made]
+    assert pairs
+    found = with_values(lowered, [f"{name}/rounded" for pair in pairs for name in pair], x)
+    for mask, rest in pairs:
+        np.testing.assert_allclose(found[f"{rest}/rounded"], 1 - found[f"{mask}/rounded"], rtol=0, atol=1e-6)
+        assert f"{rest}/q" not in made
+
+
+def complements_in(model: onnx.ModelProto) -> dict[str, str]:
+    """Mask -> one minus it, by a convolution of all channels alike."""
+    graph = Graph(model)
+    found = [node for node in graph.nodes if node.op_type == "Conv" and len(node.input) == 3]
+    constants = {node.output[0]: [graph.constant(name) for name in node.input[1:]] for node in found}
+    return {
+        node.input[0]: node.output[0]
+        for node in found
+        if all(np.all(value == wanted) for value, wanted in zip(constants[node.output[0]], (-1, 1), strict=True))
+    }
 
 
 def steps_in(model: onnx.ModelProto) -> set[str]:

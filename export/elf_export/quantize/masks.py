@@ -2,6 +2,7 @@
 
 The steps [d > 0] that mask gradients, and products with them, cost nothing in precision: what takes the difference d of
 two rounded values and is rounded itself, so coarsely that one level of difference saturates, gives exactly zero or one.
+A ReLU's mask are its integers, clipped to 0 and 1; one minus a mask are the mask's integers, read otherwise.
 """
 
 from __future__ import annotations
@@ -9,9 +10,11 @@ from __future__ import annotations
 import numpy as np
 import onnx
 
+from elf_export.graph import attributes
+
 from .choice import is_convolution, is_steep, makes_step
 from .convolve import convolve
-from .scheme import LEVELS, reaching
+from .scheme import LEVELS, Scheme, reaching
 from .state import Rewriting
 
 
@@ -45,17 +48,15 @@ def _step(state: Rewriting, node: onnx.NodeProto, difference: onnx.NodeProto) ->
 
 
 def _sign(state: Rewriting, node: onnx.NodeProto) -> bool:
-    """[x > 0] of values that are never negative, as a step; False where it is none."""
-    x, shape = node.input[0], state.graph.shape(node.input[0]) or []
+    """[x > 0] of values that are never negative: their integers, clipped to 0 and 1; False where it is none."""
+    x, name = node.input[0], node.output[0]
     scheme = state.rounding.get(x)
-    if scheme is None or not state.is_rounded(x) or scheme.zero or len(shape) != 4 or not isinstance(shape[1], int):
+    if scheme is None or not state.is_rounded(x) or scheme.zero or name in state.outputs:
         return False
-    kernel = np.ones((shape[1], 1, 1, 1))
-    difference = onnx.helper.make_node(
-        "Conv", [x], [node.output[0]], name=node.name, group=shape[1], kernel_shape=[1, 1]
-    )
-    convolve(state, difference, x, kernel / scheme.scale, None, node.output[0])
-    state.round_mask(node.output[0])
+    bounds = [state.graph.const(np.uint8(v), f"{name}/{what}") for v, what in ((0, "low"), (1, "high"))]
+    q = state.graph.op("Clip", state.integers[x], *bounds, name=f"{name}/q")
+    state.dequantize(name, q, Scheme(1.0))
+    state.masks.add(name)
     return True
 
 
@@ -89,3 +90,30 @@ def _clipped_between(state: Rewriting, node: onnx.NodeProto) -> str | None:
     top, scheme = state.graph.constant(difference.input[0]), state.rounding[y]
     reaches = top is not None and top.ndim == 0 and scheme.zero == 0 and scheme == reaching(float(top))
     return y if reaches else None
+
+
+def complement(state: Rewriting, node: onnx.NodeProto) -> bool:
+    """1 - m of a mask m, a convolution in floats: the mask's integers, read from their other end; False where none.
+
+    With m = s (q - z),  1 - m = -s (q - (z + 1 / s)).
+    """
+    x, name = node.input[0], node.output[0]
+    readers = state.readers.get(name, [])
+    factor = name not in state.outputs and all(reader.op_type == "Mul" for reader in readers)
+    if x not in state.masks or not factor or not _takes_from_one(state, node):
+        return False
+    scheme = state.rounding[x]
+    state.dequantize(name, state.integers[x], Scheme(-scheme.scale, scheme.zero + round(1 / scheme.scale)))
+    state.masks.add(name)
+    return True
+
+
+def _takes_from_one(state: Rewriting, node: onnx.NodeProto) -> bool:
+    """Whether the Conv is 1 - x, value by value."""
+    if len(node.input) < 3:
+        return False
+    kernel, bias = (state.graph.constant(name) for name in node.input[1:])
+    given = attributes(node)
+    alone = kernel is not None and kernel.shape == (given.get("group", 1), 1, 1, 1)
+    stays = set(given.get("strides", [1])) == {1} and not any(given.get("pads", [0]))
+    return bool(alone and stays and np.all(kernel == -1) and bias is not None and np.all(bias == 1))

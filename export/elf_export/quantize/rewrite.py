@@ -17,7 +17,7 @@ from elf_export.passes import cut
 
 from .choice import CLAMPING, COMBINING, MOVING, is_convolution, is_spreading, makes_step, only_reader
 from .convolve import BREADTH, convolve, magnitude_of_two, two_steps_of
-from .masks import mask
+from .masks import complement, mask
 from .scheme import Scheme, reaching
 from .spread import spread
 from .state import Rewriting
@@ -53,7 +53,7 @@ def rewrite(
 
 def _visit(state: Rewriting, node: onnx.NodeProto) -> None:
     if is_convolution(state.graph, node):
-        if not makes_step(state.readers, node):
+        if not (makes_step(state.readers, node) or complement(state, node)):
             _convolution(state, node)
     elif is_spreading(state.graph, state.readers, node):
         if node.output[0] in state.schemes and _is_fed_integers(state, node):
@@ -98,9 +98,7 @@ def _convolution(state: Rewriting, node: onnx.NodeProto) -> None:
     convolve(state, node, x, kernel, bias, y)
     state.origins[y] = y
     state.convolved.add(y)
-    if x in state.masks:
-        state.round_mask(y)
-    elif y in state.schemes and not (after is not None and after.op_type in CLAMPING):
+    if y in state.schemes and not (after is not None and after.op_type in CLAMPING):
         state.round(y, state.schemes[y])
 
 

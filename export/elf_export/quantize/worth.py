@@ -115,7 +115,8 @@ class _Regions:
             return self._gain_of_conv(node, size)
         if node.op_type == "Gather":
             return -DEEPER * size
-        return size if node.op_type in MOVED or node.op_type in WITHIN else 0.0
+        clipped = node.op_type == "Clip" and self._is_integer(node.output[0])
+        return size if clipped or node.op_type in MOVED or node.op_type in WITHIN else 0.0
 
     def _gain_of_conv(self, node: onnx.NodeProto, size: float) -> float:
         if attributes(node).get("group", 1) > 1:
