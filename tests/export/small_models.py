@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import onnx
-from onnx import TensorProto, helper, numpy_helper
+from onnx import TensorProto, helper, numpy_helper, parser
 
 Nodes = list[onnx.NodeProto]
 
@@ -33,6 +33,14 @@ def model(
         [numpy_helper.from_array(value, name) for name, value in tensors.items()],
     )  # fmt: skip
     return helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)], ir_version=ir_version)
+
+
+def written(body: str, tensors: dict[str, np.ndarray], shape: Sequence[int | str]) -> onnx.ModelProto:
+    """x to y, in ONNX's textual form; nodes have the names of their results."""
+    nodes = list(parser.parse_graph(f"g (float x) => (float y) {{ {body} }}").node)
+    for node in nodes:
+        node.name = node.output[0]
+    return model(nodes, tensors, shape, "y")
 
 
 def convolutions(source: str = "x", channels: int = 3) -> tuple[Nodes, dict[str, np.ndarray]]:

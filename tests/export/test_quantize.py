@@ -662,7 +662,7 @@ def test_regions_that_lose_are_found(chain: Chain, slow: list[str]) -> None:
 
 def test_a_strided_convolution_s_adjoint_pays_by_its_channels() -> None:
     """Few channels do not pay for the interleaving, many do; an image's take as long in floats."""
-    for width, results, pays in ((4, 16, False), (256, 16, True), (256, 3, False)):
+    for width, results, pays in ((4, 16, False), (256, 16, True), (256, 3, False), (4096, 3, False)):
         rng = np.random.default_rng(0)
         kernel = numpy_helper.from_array(rng.standard_normal((width, results, 3, 3)).astype(np.float32), "w")
         nodes = [
@@ -674,7 +674,7 @@ def test_a_strided_convolution_s_adjoint_pays_by_its_channels() -> None:
         ]  # fmt: skip
         bounds = {"starts": [0, 0], "ends": [31, 47], "axes": [2, 3]}
         tensors = [kernel, *(numpy_helper.from_array(np.array(v), name) for name, v in bounds.items())]
-        image = helper.make_tensor_value_info("x", TensorProto.FLOAT, ["N", width, "H", "W"])
+        image = helper.make_tensor_value_info("x", TensorProto.FLOAT, ["N", width, 16, 24])
         output = helper.make_tensor_value_info("magnitude", TensorProto.FLOAT, ["N", results, "h", "w"])
         graph = helper.make_graph(nodes, "g", [image], [output], tensors)
         model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)

@@ -77,12 +77,21 @@ def is_spreading(graph: Graph, readers: Readers, node: onnx.NodeProto) -> bool:
 
 
 def _is_cropped(graph: Graph, readers: Readers, node: onnx.NodeProto) -> bool:
-    """Whether all that is read of the node's result is a part from its first row and column on."""
+    """Whether all that is read of the node's result is a part from its first row and column on.
+
+    The convolutions make more of both behind its last ones: no end may count from there, nor lie beyond.
+    """
     after = only_reader(readers, node.output[0])
-    if after is None or after.op_type != "Slice":
+    if after is None or after.op_type != "Slice" or len(after.input) < 4:
         return False
-    starts = graph.constant(after.input[1])
-    return starts is not None and not starts.any()
+    starts, ends, axes = (graph.constant(name) for name in after.input[1:4])
+    if starts is None or axes is None or starts.any() or not {2, 3} <= {int(axis) % 4 for axis in axes}:
+        return False
+    if ends is None:
+        return True
+    sizes = graph.shape(node.output[0]) or [None] * 4
+    limits = [sizes[axis] for axis in axes]
+    return all(isinstance(n, int) and 0 <= end <= n for n, end in zip(limits, ends, strict=True))
 
 
 def makes_step(readers: Readers, node: onnx.NodeProto) -> bool:
