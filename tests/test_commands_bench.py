@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from elf_runtime import ElfError
+from elf_runtime import ElfError, ElfRuntime
 from elf_runtime.commands import _fresh
 from elf_runtime.commands._bench_table import _size_rows
 from elf_runtime.commands._contenders import (
@@ -26,6 +26,7 @@ from elf_runtime.commands._contenders import (
 from elf_runtime.commands._fresh import peak_memory, start_up
 from elf_runtime.commands._timing import interleaved, with_sums
 from elf_runtime.commands.bench import _open, build_parser, main, sizes
+from elf_runtime.ort_format import to_ort
 from elf_runtime.session import bundled_model
 
 TINY = Path(__file__).parent / "data" / "tiny.onnx"
@@ -168,6 +169,24 @@ def test_a_wrong_size_is_a_usage_error(text: str, capsys: pytest.CaptureFixture[
         bench("--sizes", text)
     assert stopped.value.code == 2
     assert "HEIGHTxWIDTH" in capsys.readouterr().err
+
+
+def test_a_size_below_the_model_s_smallest_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
+    least = ElfRuntime(TINY).contract.input.min_size
+    assert bench("--sizes", f"96x96,{least - 1}x64", "--peers", "none") == 2
+    error = capsys.readouterr().err
+    assert error == f"elf-bench: error: --sizes {least - 1}x64: the smallest size of this model is {least}x{least}\n"
+
+
+def test_torch_needs_the_onnx_file_of_a_model_in_ort_format(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = to_ort(TINY, tmp_path / "tiny.ort")
+    quick = ["--repeats", "1", "--warmup", "1", "--processes", "1", "--threads", "1", "--sizes", "64x64"]
+    assert main([*quick, "--model", str(model), "--peers", "torch"]) == 2
+    error = capsys.readouterr().err
+    assert f"--peers torch: {model} is in ORT format; give the .onnx file" in error
+    assert "as --torch-model" in error
 
 
 def test_an_unknown_peer_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_runtime.engine import ElfRuntime
+from elf_runtime.ort_format import is_ort_format
 from elf_runtime.session import bundled_model
 
 Image = npt.NDArray[np.uint8]
@@ -97,6 +98,8 @@ def torch_peer(model: str, threads: int) -> tuple[Callable[[Image], Any] | None,
 
     The exporter is asked for by name and only here: the runtime neither needs nor imports it, or torch.
     """
+    if is_ort_format(model):
+        return None, f"{model} is in ORT format; give the .onnx file that it was made from as --torch-model"
     try:
         reference = importlib.import_module("elf_export.torch_reference")
         torch = importlib.import_module("torch")

@@ -115,6 +115,10 @@ def _work(args: argparse.Namespace) -> int:
     check_outputs({"--json": [args.json]}, {"the image": [args.image], "a model": [args.model, args.torch_model]})
     args.threads = args.threads or usable_cores()
     elf = _open(args.model, args)
+    least = elf.contract.input.min_size
+    for height, width in args.sizes:
+        if min(height, width) < least:
+            raise _common.UsageError(f"--sizes {height}x{width}: the smallest size of this model is {least}x{least}")
     photo = displayable(images.read(args.image)) if args.image else None
     report: dict[str, Any] = {
         "model": {
