@@ -104,6 +104,19 @@ def test_no_file_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert photo.read_bytes() == before
 
 
+@pytest.mark.parametrize("asked", [[], ["--provider", "cpu"]])
+def test_an_image_that_can_t_be_used_is_an_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], asked: list[str]
+) -> None:
+    photo = tmp_path / "small.png"
+    cv2.imwrite(str(photo), textured(9, 11))
+    assert main([str(TINY), "--image", str(photo), *asked]) == 1
+    captured = capsys.readouterr()
+    assert captured.err.startswith(f"elf-info: error: {photo}: the image has 11x9 pixels; the smallest is ")
+    assert captured.err.count("\n") == 1
+    assert "can't run it" not in captured.out
+
+
 def test_json_holds_the_whole_contract(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(TINY), "--json", "--provider", "cpu"]) == 0
     report = json.loads(capsys.readouterr().out)

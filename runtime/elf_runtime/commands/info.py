@@ -18,10 +18,11 @@ from elf_runtime.contract import SCHEMA_VERSION, ModelContract
 from elf_runtime.coverage import measure
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError
-from elf_runtime.image import read
+from elf_runtime.image import named, read
 from elf_runtime.onnx_file import OnnxFile, Tensor, read_onnx
 from elf_runtime.ort_format import is_ort_format, to_ort
 from elf_runtime.session import Provider, bundled_model, is_cpu, resolve_providers
+from elf_runtime.work import prepared
 
 from . import _common
 from ._info_text import report_text
@@ -38,9 +39,9 @@ descriptors of each provider but the CPU are held against the CPU's on a test pi
 the larger number of keypoints."""
 
 EPILOG = """\
-exit status: 0; 1 if the file is no ELF model (of another .onnx file, what can be read is still shown) or the
-provider that --provider names can't run it or has less than 90 % of the CPU's keypoints within a pixel; 2 on a
-wrong command line
+exit status: 0; 1 if the file is no ELF model (of another .onnx file, what can be read is still shown), if --image
+can't be used, or if the provider that --provider names can't run it or has less than 90 % of the CPU's keypoints
+within a pixel; 2 on a wrong command line
 
 examples:
   elf-info model.onnx --provider tensorrt
@@ -88,6 +89,9 @@ def _work(args: argparse.Namespace) -> int:
         contract = ElfRuntime(path).contract
         report |= {"schema": SCHEMA_VERSION, "contract": dataclasses.asdict(contract)}
         report["gflop_per_megapixel"] = gflop_per_megapixel(contract)
+        if args.image is not None:
+            with named(args.image):
+                prepared(image, contract.detection, None, contract.input, str(path))
         asked: Provider | None = (args.provider, options) if options else args.provider
         wanted = resolve_providers(asked, fallback=False) if asked else ort.get_available_providers()
         runs = [_measured(path, contract, provider, image) for provider in wanted]
