@@ -32,3 +32,13 @@ def textured(height: int, width: int, seed: int = 0, channels: int = 3) -> npt.N
         total += cv2.resize(small, (width, height), interpolation=cv2.INTER_CUBIC).reshape(total.shape) * step**0.5
     low, high = total.min(), total.max()
     return np.round(255 * (total - low) / (high - low)).astype(np.uint8)
+
+
+def turned_jpeg(image: npt.NDArray[np.uint8], orientation: int = 6) -> bytes:
+    """A JPEG of `image` whose EXIF orientation says that it is to be turned; 6 is clockwise."""
+    import cv2
+
+    data = cv2.imencode(".jpg", image)[1].tobytes()
+    entry = b"\x01\x12\0\3\0\0\0\1" + bytes([0, orientation, 0, 0])
+    exif = b"Exif\0\0" + b"MM\0*\0\0\0\x08" + b"\0\1" + entry + bytes(4)
+    return data[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + data[2:]

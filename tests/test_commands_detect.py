@@ -17,6 +17,7 @@ from elf_runtime import image as images
 from elf_runtime.commands._contenders import synthetic
 from elf_runtime.commands._inputs import image_files, output_names
 from elf_runtime.commands.detect import main
+from helpers import turned_jpeg
 
 TINY = Path(__file__).parent / "data" / "tiny.onnx"
 MISSING = next(name for name in ort.get_all_providers() if name not in ort.get_available_providers())
@@ -60,6 +61,30 @@ def test_options_reach_the_detector(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.descriptors, wanted.descriptors)
 
 
+def test_any_setting_can_be_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    image, out = write(tmp_path / "a.png"), tmp_path / "out"
+    given = ["--set", "normalize=0.9", "--set", "denoise=3,0.8", "--set", "subpixel=true", "--set", "border=3"]
+    assert detect(image, "-o", out, *given, "--preset", "paper", "--json", "-") == 0
+    settings = {"normalize": 0.9, "denoise": (3, 0.8), "subpixel": True, "border": 3}
+    elf = ElfRuntime(TINY)
+    wanted = elf.detect(image, preset="paper", **settings)
+    np.testing.assert_array_equal(Features.load(out / "a.npz").keypoints, wanted.keypoints)
+    found = json.loads(capsys.readouterr().out)["settings"]
+    assert found == json.loads(json.dumps(elf.params("paper", **settings).to_dict()))
+
+
+def test_keypoints_are_in_the_turned_image_or_in_stored_pixels(tmp_path: Path) -> None:
+    (tmp_path / "a.jpg").write_bytes(turned_jpeg(synthetic(96, 128)))
+    (tmp_path / "roi.jpg").write_bytes(turned_jpeg(np.full((96, 128), 255, np.uint8)))
+    elf = ElfRuntime(TINY, threads=1)
+    for more, size in (([], (128, 96)), (["--ignore-exif"], (96, 128))):
+        assert detect(tmp_path / "a.jpg", "-o", tmp_path / "out", "--mask", tmp_path / "roi.jpg", *more) == 0
+        found = Features.load(tmp_path / "out" / "a.npz")
+        wanted = elf.detect(images.read(tmp_path / "a.jpg", ignore_exif=bool(more)))
+        assert found.image_size == size
+        np.testing.assert_array_equal(found.keypoints, wanted.keypoints)
+
+
 def test_threads_and_provider_reach_the_model(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     given: dict[str, object] = {}
 
@@ -99,6 +124,7 @@ def test_a_bad_image_among_good_ones(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert str(absent) in errors[1]
     images = json.loads(summary.read_text())["images"]
     assert ["error" in entry for entry in images] == [False, True, True, False]
+    assert [entry["error"] for entry in images[1:3]] == [line.partition("error: ")[2] for line in errors]
     assert images[0]["keypoints"] == len(Features.load(out / "good.npz"))
 
 
@@ -112,9 +138,9 @@ def test_a_folder_is_made_only_for_what_goes_into_it(tmp_path: Path, capsys: pyt
 
 
 def test_the_stages_hold_the_time_that_decoding_takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def slowly(path: Path) -> np.ndarray:
+    def slowly(path: Path, **options: bool) -> np.ndarray:
         time.sleep(0.05)
-        return read(path)
+        return read(path, **options)
 
     read = images.read
     monkeypatch.setattr(images, "read", slowly)
@@ -160,6 +186,20 @@ def test_folders_patterns_and_repeated_files(tmp_path: Path) -> None:
     assert image_files([str(b), str(tmp_path / "in")]) == [b, a]
 
 
+def test_subfolders_are_looked_into_where_that_is_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second = write(tmp_path / "in" / "x" / "1.png"), write(tmp_path / "in" / "y" / "z" / "1.png", 1)
+    assert detect(tmp_path / "in", "-o", tmp_path / "out") == 2
+    assert "in this folder; --recursive looks below it too" in capsys.readouterr().err
+    assert image_files([str(tmp_path / "in")], recursive=True) == [first, second]
+    assert detect(tmp_path / "in", "-r", "-o", tmp_path / "out", "--no-picture") == 0
+    assert {p.name for p in (tmp_path / "out").glob("*.npz")} == {"x_1.npz", "z_1.npz"}
+    (tmp_path / "empty").mkdir()
+    assert detect(tmp_path / "empty", "-r", "-o", tmp_path / "out") == 2
+    assert "in this folder or below it\n" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("paths", "names"),
     [
@@ -192,6 +232,45 @@ def test_an_input_image_is_never_overwritten(tmp_path: Path, capsys: pytest.Capt
     assert detect(image, "-o", tmp_path) == 2
     assert "input image" in capsys.readouterr().err
     assert image.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["in", "-o", "in"], "-o in: the pictures would be taken for images of the folder in next time"),
+        (["in", "-o", "in/../in"], "for images of the folder in"),
+        (["-r", ".", "-o", "in/new"], "for images of the folder ."),
+        (["in/*g", "-o", "in"], "-o in: in/b.png may be a picture that was written there"),
+        (["in/b.png", "in/b.jpg", "-o", "in"], "-o in: in/b.png may be a picture"),
+    ],
+)
+def test_pictures_are_not_written_where_images_are_taken_from(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    reason: str,
+) -> None:
+    write(tmp_path / "in" / "b.jpg")
+    monkeypatch.chdir(tmp_path)
+    if "b.png" in reason:
+        assert detect("in/b.jpg", "-o", "in") == 0
+    before = sorted(tmp_path.rglob("*"))
+    capsys.readouterr()
+    assert detect(*arguments) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert reason in error
+    assert "or --no-picture" in error
+    assert sorted(tmp_path.rglob("*")) == before
+    assert detect(*arguments, "--no-picture") == 0
+
+
+def test_results_may_lie_beside_the_images(tmp_path: Path) -> None:
+    image = write(tmp_path / "a.jpg")
+    for _ in range(2):
+        assert detect(image, "-o", tmp_path) == 0
+        assert sorted(p.name for p in tmp_path.iterdir()) == ["a.csv", "a.jpg", "a.npz", "a.png"]
 
 
 def test_a_hard_link_to_an_input_is_not_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -270,6 +349,12 @@ def test_a_folder_that_is_read_only(tmp_path: Path, capsys: pytest.CaptureFixtur
         (["--provider", MISSING], 1, "Install the build that has it, or take one of these"),
         (["--provider", "quantum"], 1, "unknown provider 'quantum'"),
         (["--mask", "absent.png"], 1, "absent.png"),
+        (["--set", "sale=1"], 2, "--set: unknown setting 'sale'; known are denoise, threshold_blur, threshold, nms_"),
+        (["--set", "mask=1"], 2, "--set: unknown setting 'mask'"),
+        (["--set", "preset=fast"], 2, "--set: unknown setting 'preset'"),
+        (["--set", "scale=0.5", "--scale", "0.4"], 2, "--set scale: --scale is given too"),
+        (["--set", "normalize=2"], 2, "normalize is a quantile in (0, 1], not 2"),
+        (["--set", "subpixel=maybe"], 2, "subpixel is True or False, not 'maybe'"),
     ],
 )
 def test_one_line_for_what_is_wrong(

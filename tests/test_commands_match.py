@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 
 from elf_runtime import ElfRuntime
+from elf_runtime import image as images
+from elf_runtime import match as matched
 from elf_runtime.commands._contenders import synthetic
 from elf_runtime.commands.match import main
 from elf_runtime.geometry import fit
+from helpers import turned_jpeg
 
 TINY = Path(__file__).parent / "data" / "tiny.onnx"
 SHIFT = (16, 8)  # a multiple of the network's stride, so that it sees the same
@@ -140,3 +143,18 @@ def test_one_line_for_what_is_wrong(
 def test_a_missing_image_is_named(pair: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
     assert match(pair[0], "absent.png", "-o", pair[0].parent / "m.png") == 1
     assert "absent.png" in capsys.readouterr().err
+
+
+def test_settings_and_stored_pixels_reach_the_detector(pair: tuple[Path, Path], tmp_path: Path) -> None:
+    for path in pair:
+        path.write_bytes(turned_jpeg(cv2.imread(str(path))))
+    more = ["--set", "max_keypoints=40", "--ignore-exif"]
+    assert match(*pair, "-o", tmp_path / "m.png", "--save", tmp_path / "m.npz", *more) == 0
+    elf = ElfRuntime(TINY, threads=1)
+    first, second = (
+        elf.detect(images.read(path, ignore_exif=True), threshold="none", max_keypoints=40) for path in pair
+    )
+    with np.load(tmp_path / "m.npz") as saved:
+        np.testing.assert_array_equal(saved["pairs"], matched(first, second))
+        np.testing.assert_array_equal(saved["points_a"], first.keypoints[saved["pairs"][:, 0]])
+    assert main(["a", "b", "-o", str(tmp_path / "n.png"), "--set", "sale=1"]) == 2

@@ -10,7 +10,7 @@ import pytest
 
 from elf_runtime import ImageError, InputSpec
 from elf_runtime.image import is_flat, read, resized, to_mask, to_pixels
-from helpers import textured
+from helpers import textured, turned_jpeg
 
 BGR = InputSpec()
 
@@ -98,6 +98,15 @@ def test_files(tmp_path: Path) -> None:
         read(tmp_path / "missing.png")
     with pytest.raises(ImageError, match="array or a path"):
         read(3)  # type: ignore[arg-type]
+
+
+def test_a_file_is_turned_as_its_exif_says_unless_that_is_ignored(tmp_path: Path) -> None:
+    path = tmp_path / "a.jpg"
+    path.write_bytes(turned_jpeg(textured(20, 30)))
+    stored = read(path, ignore_exif=True)
+    assert stored.shape == (20, 30, 3)
+    np.testing.assert_array_equal(read(path), np.rot90(stored, -1))
+    np.testing.assert_array_equal(read(path), cv2.imread(str(path)))
 
 
 def test_working_size() -> None:

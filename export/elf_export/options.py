@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from elf_runtime.commands._settings import setting
 
 if TYPE_CHECKING:
     from .preprocessing import Preprocessing
@@ -215,28 +217,6 @@ def reduction_of(args: argparse.Namespace) -> Reduction | None:
     if args.desc_dim is None:
         return None
     return Reduction(args.desc_dim, args.desc_reduce or "pca", args.whiten, args.keep_weights)
-
-
-def setting(text: str) -> tuple[str, Any]:
-    """A detection setting: "scale=0.5", "denoise=5,1.2", "subpixel=true"."""
-    name, equals, value = text.partition("=")
-    parts = [_plain(part) for part in value.split(",")]
-    if not equals or not name or "" in parts:
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE")
-    return name.strip(), parts[0] if len(parts) == 1 else tuple(parts)
-
-
-def _plain(text: str) -> Any:
-    """A number, true or false, or the text itself."""
-    text = text.strip()
-    if text.lower() in ("true", "false"):
-        return text.lower() == "true"
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            pass
-    return text
 
 
 def layers_of(text: str | None) -> list[str] | None:

@@ -33,7 +33,7 @@ class Features:
     descriptors : (N, D) float32
         Rows of unit L2 norm; D = 0 for a model without a descriptor.
     image_size : (height, width)
-        Of the source image, in pixels.
+        Of the source image, in pixels; of a file, turned as its EXIF orientation says (see `image.read`).
     nms_radius : float
         In pixels of the source image; `to_cv2` gives a keypoint the size of its window.
     """

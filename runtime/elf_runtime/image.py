@@ -20,8 +20,20 @@ ImageLike = npt.NDArray[Any] | str | os.PathLike[str]
 _ROUNDING = 1e-6  # how far float pixels may lie outside [0, 1], where they are cut off
 
 
-def read(image: ImageLike) -> npt.NDArray[Any]:
+def read(image: ImageLike, *, ignore_exif: bool = False) -> npt.NDArray[Any]:
     """The array itself, or the decoded file: BGR or grey, with its bit depth kept.
+
+    Parameters
+    ----------
+    image : array or path
+    ignore_exif : bool
+        A file's pixels as they are stored, which is what COLMAP and homographies between files go by.  By default
+        they are turned the way that its EXIF orientation says, as by `cv2.imread`: one of 640x427 with orientation 6
+        is read as 427x640, and its keypoints are in that frame.
+
+    Returns
+    -------
+    (H, W), (H, W, 3) or (H, W, 4) array
 
     Raises
     ------
@@ -37,7 +49,7 @@ def read(image: ImageLike) -> npt.NDArray[Any]:
         data = np.fromfile(path, np.uint8)
     except OSError as error:
         raise ImageError(f"{path}: {error.strerror or error}") from error
-    flags = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
+    flags = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH | (cv2.IMREAD_IGNORE_ORIENTATION if ignore_exif else 0)
     try:
         pixels = cv2.imdecode(data, flags) if data.size else None
     except cv2.error as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,16 @@ from elf_runtime.canvas import Picture
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError, SettingError
 from elf_runtime.files import discard_stdout, write_atomically
-from elf_runtime.params import PRESETS
+from elf_runtime.params import PRESETS, DetectionParams
+
+from ._settings import setting
 
 # What `cv2.imread` of every build decodes; a folder may hold other files too.
 IMAGE_SUFFIXES = frozenset(
     (".bmp", ".jpeg", ".jpg", ".jp2", ".pbm", ".pgm", ".png", ".pnm", ".ppm", ".tif", ".tiff", ".webp")
 )
 FAILED, USAGE = 1, 2
+_SETTINGS = tuple(field.name for field in fields(DetectionParams))
 
 
 class UsageError(Exception):
@@ -109,20 +113,57 @@ def add_detection_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--descriptor", metavar="LAYER", help="which of the model's descriptors (see elf-info)"
     )
+    group.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", type=setting,
+        help=f"any setting, such as normalize=0.95 or denoise=5,1.2; may be given several times. NAME is one of "
+        f"{', '.join(_SETTINGS)}",
+    )  # fmt: skip
+
+
+def add_exif_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--ignore-exif",
+        action="store_true",
+        help="take images as they are stored, as COLMAP does; by default they are turned as their EXIF orientation "
+        "says, and keypoints are in the turned image",
+    )
 
 
 def settings(args: argparse.Namespace) -> dict[str, Any]:
-    """The detection options as `ElfRuntime.trace` takes them."""
+    """The detection options as `ElfRuntime.trace` takes them.
+
+    Raises
+    ------
+    UsageError
+        On a --set of an unknown name, or of one that has an option which is given too.
+    """
     names = ("max_keypoints", "threshold", "nms_radius", "border", "preset", "scale", "descriptor")
-    return {name: getattr(args, name) for name in names}
+    given = {name: getattr(args, name) for name in names}
+    for name, _ in args.set:
+        if name not in _SETTINGS:
+            raise UsageError(f"--set: unknown setting {name!r}; known are {', '.join(_SETTINGS)}")
+        if given.get(name) is not None:
+            raise UsageError(f"--set {name}: --{name.replace('_', '-')} is given too; leave one of them out")
+    return given | dict(args.set)
+
+
+def params(elf: ElfRuntime, args: argparse.Namespace) -> DetectionParams:
+    """What the detection options amount to.
+
+    Raises
+    ------
+    UsageError, SettingError
+        See `settings`; a value out of range.
+    """
+    given = settings(args)
+    return elf.params(given.pop("preset"), **{name: value for name, value in given.items() if name != "descriptor"})
 
 
 def open_runtime(args: argparse.Namespace) -> ElfRuntime:
     """The model of the options, with detection settings checked before the first image is read."""
     elf = ElfRuntime(args.model, providers=args.provider, threads=args.threads)
     if hasattr(args, "max_keypoints"):
-        given = settings(args)
-        elf.params(given.pop("preset"), **{k: v for k, v in given.items() if k != "descriptor"})
+        params(elf, args)
         elf.contract.descriptor(args.descriptor)
     return elf
 

@@ -10,8 +10,14 @@ from pathlib import Path
 from ._common import IMAGE_SUFFIXES, UsageError
 
 
-def image_files(arguments: Sequence[str]) -> list[Path]:
-    """Files, the image files of folders (sorted, no subfolders), and what patterns match; each file once.
+def image_files(arguments: Sequence[str], recursive: bool = False) -> list[Path]:
+    """Files, the image files of folders (sorted), and what patterns match; each file once.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+    recursive : bool
+        Whether a folder's subfolders count.
 
     A file that is named stays in the list even if it does not exist: its error belongs to it alone.
 
@@ -24,10 +30,12 @@ def image_files(arguments: Sequence[str]) -> list[Path]:
     for argument in arguments:
         path = Path(argument)
         if path.is_dir():
-            inside = sorted(p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and p.is_file())
+            entries = path.rglob("*") if recursive else path.iterdir()
+            inside = sorted(p for p in entries if p.suffix.lower() in IMAGE_SUFFIXES and p.is_file())
             if not inside:
+                place = " or below it" if recursive else "; --recursive looks below it too"
                 raise UsageError(
-                    f"{argument}: no images in this folder ({', '.join(sorted(IMAGE_SUFFIXES))})"
+                    f"{argument}: no images ({', '.join(sorted(IMAGE_SUFFIXES))}) in this folder{place}"
                 )
             found += inside
         elif not path.exists() and glob.has_magic(argument):
@@ -42,6 +50,37 @@ def image_files(arguments: Sequence[str]) -> list[Path]:
     for path in found:
         unique.setdefault(path.resolve(), path)
     return list(unique.values())
+
+
+def check_pictures(arguments: Sequence[str], paths: Sequence[Path], output: Path, recursive: bool) -> None:
+    """Refuse a folder whose pictures would be images of the next run, or are some of this one.
+
+    Parameters
+    ----------
+    arguments, recursive
+        What `image_files` was given.
+    paths : sequence of Path
+        What it found.
+    output : Path
+        The folder that gets a NAME.png for each.
+
+    Raises
+    ------
+    UsageError
+        If images are taken from that folder.
+    """
+    out = output.resolve()
+    for folder in map(Path, arguments):
+        if folder.is_dir() and (out == folder.resolve() or (recursive and folder.resolve() in out.parents)):
+            raise UsageError(
+                f"-o {output}: the pictures would be taken for images of the folder {folder} next time; "
+                "give a folder outside it, or --no-picture"
+            )
+    for path in paths:
+        if path.suffix.lower() == ".png" and path.parent.resolve() == out:
+            raise UsageError(
+                f"-o {output}: {path} may be a picture that was written there; give another folder, or --no-picture"
+            )
 
 
 def output_names(paths: Sequence[Path]) -> list[str]:

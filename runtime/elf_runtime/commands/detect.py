@@ -16,7 +16,7 @@ from elf_runtime.errors import ElfError
 from elf_runtime.render import detection_picture
 
 from . import _common
-from ._inputs import image_files, output_names
+from ._inputs import check_pictures, image_files, output_names
 from ._outputs import check_outputs
 
 DESCRIPTION = """\
@@ -27,12 +27,14 @@ For every image NAME.png, DIR gets
              nms_radius
   NAME.csv   x,y,score
   NAME.png   a picture: keypoints, saliency and threshold side by side
-Pixel centres are at whole numbers, (0, 0) is the centre of the top left pixel, as in OpenCV."""
+Pixel centres are at whole numbers, (0, 0) is the centre of the top left pixel, as in OpenCV.
+An image is turned as its EXIF orientation says, and so are its keypoints; --ignore-exif takes it as it is stored."""
 
 EPILOG = """\
 examples:
   elf-detect photo.jpg -o out/
   elf-detect photos/ 'more/*.png' -o out/ --max-keypoints 1000 --scale 0.5
+  elf-detect photos/ --recursive -o out/ --ignore-exif --set normalize=0.95
   elf-detect photo.jpg -o out/ --preset paper --mask roi.png --json -
 
 exit status: 0 if every image was done, 1 if some could not be, 2 on a wrong command line"""
@@ -42,18 +44,22 @@ def build_parser() -> argparse.ArgumentParser:
     parser = _common.new_parser("elf-detect", DESCRIPTION, EPILOG)
     parser.add_argument("images", nargs="+", metavar="IMAGE", help="image file, folder of images, or pattern")
     parser.add_argument(
+        "-r", "--recursive", action="store_true", help="of folders, take the images in their subfolders too"
+    )
+    parser.add_argument(
         "-o",
         "--output",
         required=True,
         type=Path,
         metavar="DIR",
-        help="folder of the results, made where it is missing",
+        help="folder of the results, made where it is missing; with pictures, none that images are taken from",
     )
     parser.add_argument(
         "--mask", metavar="FILE", help="image of the same size: keypoints only where it is not black"
     )
     parser.add_argument("--no-picture", action="store_true", help="write no NAME.png")
     parser.add_argument("--json", metavar="FILE", help="write a summary of the run; - is standard output")
+    _common.add_exif_option(parser)
     _common.add_detection_options(parser)
     _common.add_model_options(parser)
     return parser
@@ -64,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _work(args: argparse.Namespace) -> int:
-    paths = image_files(args.images)
+    paths = image_files(args.images, args.recursive)
     names = output_names(paths)
     written = [args.output / f"{name}.{ending}" for name in names for ending in _endings(args)]
     check_outputs(
@@ -72,8 +78,10 @@ def _work(args: argparse.Namespace) -> int:
         {"an input image": paths, "the mask": [args.mask], "the model": [args.model]},
         made=args.output,
     )
+    if not args.no_picture:
+        check_pictures(args.images, paths, args.output, args.recursive)
     elf = _common.open_runtime(args)
-    mask = _read_mask(args.mask) if args.mask else None
+    mask = _read_mask(args.mask, args.ignore_exif) if args.mask else None
     # The summary alone goes to standard output where it is asked for there.
     progress = sys.stderr if args.json == "-" else sys.stdout
     results = []
@@ -81,8 +89,8 @@ def _work(args: argparse.Namespace) -> int:
         try:
             result = _detect(elf, path, args.output / name, mask, args)
         except (ElfError, OSError) as error:
-            text = str(error)
-            _common.report("elf-detect", text if str(path) in text else f"{path}: {text}")
+            text = str(error) if str(path) in str(error) else f"{path}: {error}"
+            _common.report("elf-detect", text)
             results.append({"image": str(path), "error": text})
             continue
         results.append(result)
@@ -99,7 +107,7 @@ def _work(args: argparse.Namespace) -> int:
 
 def _detect(elf: ElfRuntime, path: Path, stem: Path, mask: Any, args: argparse.Namespace) -> dict[str, Any]:
     start = time.perf_counter()
-    pixels = images.read(path)
+    pixels = images.read(path, ignore_exif=args.ignore_exif)
     read = time.perf_counter() - start
     trace = elf.trace(pixels, mask=mask, **_common.settings(args))
     seconds = time.perf_counter() - start
@@ -126,14 +134,13 @@ def _endings(args: argparse.Namespace) -> list[str]:
     return ["npz", "csv"] if args.no_picture else ["npz", "csv", "png"]
 
 
-def _read_mask(path: str) -> Any:
-    mask = images.read(path)
+def _read_mask(path: str, ignore_exif: bool) -> Any:
+    mask = images.read(path, ignore_exif=ignore_exif)
     # A colour picture of a mask, or one with an alpha channel: black is black in all of its colours.
     return mask if mask.ndim == 2 else mask[:, :, :3].any(axis=2)
 
 
 def _write_summary(args: argparse.Namespace, elf: ElfRuntime, results: list[dict[str, Any]]) -> None:
-    given = {name: value for name, value in _common.settings(args).items() if name != "descriptor"}
     contract = elf.contract
     spec = contract.descriptor(args.descriptor)
     summary = {
@@ -142,7 +149,7 @@ def _write_summary(args: argparse.Namespace, elf: ElfRuntime, results: list[dict
         "layer": contract.layer,
         "descriptor": spec.layer if spec else None,
         "provider": elf.providers[0],
-        "settings": elf.params(given.pop("preset"), **given).to_dict(),
+        "settings": _common.params(elf, args).to_dict(),
         "images": [{k: v for k, v in result.items() if k != "output"} for result in results],
     }
     text = json.dumps(summary, indent=2) + "\n"

@@ -26,7 +26,8 @@ DESCRIPTION = """\
 Match the ELF keypoints of two images (mutual nearest neighbours in descriptor space) and draw the matches.
 
 With --ransac, one homography (a plane, or a camera that only turns) or fundamental matrix (any rigid scene)
-is fitted to them by MAGSAC++; its inliers are drawn in green, the other matches in thin red."""
+is fitted to them by MAGSAC++; its inliers are drawn in green, the other matches in thin red.
+Images are turned as their EXIF orientation says, and so are their keypoints; --ignore-exif takes them as stored."""
 
 EPILOG = """\
 examples:
@@ -58,6 +59,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--json", metavar="FILE", help="write the counts and the matrix; - is standard output"
     )
+    _common.add_exif_option(parser)
     _common.add_detection_options(parser)
     _common.add_model_options(parser)
     return parser
@@ -86,7 +88,7 @@ def _work(args: argparse.Namespace) -> int:
     elf = _common.open_runtime(args)
     if elf.contract.descriptor(args.descriptor) is None:
         raise SettingError(f"{args.model}: exported with --desc none, it can't describe, and so not match")
-    pixels = [images.read(path) for path in (args.a, args.b)]
+    pixels = [images.read(path, ignore_exif=args.ignore_exif) for path in (args.a, args.b)]
     first, second = (elf.detect(image, **_common.settings(args)) for image in pixels)
     pairs = match(first, second, args.ratio)
     points = (first.keypoints[pairs[:, 0]], second.keypoints[pairs[:, 1]])
