@@ -1,4 +1,5 @@
-"""The examples in other languages give what Python's ONNX Runtime gives, where their tools are installed.
+"""The examples in other languages give what Python's ONNX Runtime gives, where their tools are installed; the scripts
+for COLMAP and hloc write what these read.
 
 ``$ELF_NODE_MODULES`` may name a folder with npm's onnxruntime-web, ``$ELF_ORT`` one with ONNX Runtime's include and
 lib folders.
@@ -11,6 +12,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -18,8 +20,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from elf_runtime import ElfRuntime, Features, match
+from elf_runtime.image import read
 from elf_runtime.session import bundled_model, open_session
-from helpers import ROOT, textured
+from helpers import ROOT, textured, turned_jpeg
 
 EXAMPLES = ROOT / "examples"
 PICTURE = textured(96, 130)
@@ -144,3 +148,60 @@ def test_the_c_example_says_what_is_wrong(program: Path, ppm: Path, tmp_path: Pa
     assert run(program, "text.onnx", ppm, folder=tmp_path).returncode == 1
     ppm.write_bytes(ppm.read_bytes()[:500])
     assert "cut off" in run(program, bundled_model(), ppm, folder=tmp_path).stderr
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, Features]:
+    """Two views, 16 columns apart, with their features in stored pixels."""
+    folder, scene = tmp_path_factory.mktemp("photos"), textured(120, 176)
+    paths = [folder / "a.jpg", folder / "sub" / "b.jpg"]
+    paths[1].parent.mkdir()
+    paths[0].write_bytes(turned_jpeg(scene[:, 16:]))
+    paths[1].write_bytes(turned_jpeg(scene[:, :-16], 1))
+    elf = ElfRuntime()
+    settings = {"preset": "accurate", "max_keypoints": 2000}
+    return {path: elf.detect(read(path, ignore_exif=True), **settings) for path in paths}
+
+
+def converted(script: str, photos: dict[Path, Features], out: Path) -> None:
+    env = {**os.environ, "PYTHONPATH": str(ROOT / "runtime")}
+    command = [sys.executable, str(EXAMPLES / "pipelines" / script), str(next(iter(photos)).parent), str(out)]
+    done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_colmap_s_text_files_hold_the_keypoints_and_the_matches(photos: dict[Path, Features], tmp_path: Path) -> None:
+    converted("to_colmap.py", photos, tmp_path / "out")
+    a, b = photos.values()
+    for name, features in zip(("a.jpg", "sub/b.jpg"), (a, b), strict=True):
+        header, *lines = (tmp_path / "out" / "features" / f"{name}.txt").read_text().splitlines()
+        assert header == f"{len(features)} 128"
+        rows = np.array([line.split(" ") for line in lines], np.float64)
+        assert rows.shape == (len(features), 4 + 128)
+        np.testing.assert_allclose(rows[:, :2], features.keypoints + 0.5, atol=1e-3)
+        assert (rows[:, 2:] == [1] + [0] * 129).all()
+    names, *lines, blank = (tmp_path / "out" / "matches.txt").read_text().split("\n")[:-1]
+    assert (names, blank) == ("a.jpg sub/b.jpg", "")
+    assert len(lines) > 10
+    assert [list(map(int, line.split())) for line in lines] == match(a, b).tolist()
+
+
+def test_hloc_s_files_hold_the_keypoints_and_the_matches(photos: dict[Path, Features], tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    converted("to_hloc.py", photos, tmp_path / "out")
+    a, b = photos.values()
+    assert (tmp_path / "out" / "pairs.txt").read_text() == "a.jpg sub/b.jpg\n"
+    with h5py.File(tmp_path / "out" / "features.h5", "r") as file:
+        for name, features in zip(("a.jpg", "sub/b.jpg"), (a, b), strict=True):
+            np.testing.assert_array_equal(file[name]["keypoints"], features.keypoints)
+            np.testing.assert_array_equal(file[name]["scores"], features.scores)
+            np.testing.assert_array_equal(file[name]["descriptors"], features.descriptors.T)
+            assert file[name]["image_size"][:].tolist() == [160, 120]
+    with h5py.File(tmp_path / "out" / "matches.h5", "r") as file:
+        partners, scores = (file["a.jpg/sub-b.jpg"][key][:] for key in ("matches0", "matching_scores0"))
+    assert len(partners) == len(scores) == len(a)
+    matched = np.flatnonzero(partners != -1)
+    assert len(matched) > 10
+    assert np.stack([matched, partners[matched]], 1).tolist() == match(a, b).tolist()
+    np.testing.assert_allclose(scores[matched], np.sum(a.descriptors[matched] * b.descriptors[partners[matched]], 1))
+    assert (scores[partners == -1] == 0).all()

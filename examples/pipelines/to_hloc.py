@@ -1,0 +1,42 @@
+"""ELF's keypoints and matches of a folder of images, as hloc's features.h5, matches.h5 and pairs.txt.
+
+python to_hloc.py IMAGES OUT
+"""
+
+import sys
+from itertools import combinations
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from elf_runtime import ElfRuntime, match
+from elf_runtime.image import read
+
+images, out = map(Path, sys.argv[1:])
+out.mkdir(parents=True, exist_ok=True)
+elf = ElfRuntime()
+found = {}
+for path in sorted(images.rglob("*")):
+    if path.suffix.lower() in (".jpg", ".jpeg", ".png"):
+        pixels = read(path, ignore_exif=True)  # the cameras that COLMAP estimates are of the stored pixels
+        found[path.relative_to(images).as_posix()] = elf.detect(pixels, preset="accurate", max_keypoints=2000)
+
+with h5py.File(out / "features.h5", "w") as file:
+    for name, features in found.items():
+        group = file.create_group(name)
+        group["keypoints"] = features.keypoints  # hloc adds COLMAP's half pixel itself
+        group["scores"] = features.scores
+        group["descriptors"] = features.descriptors.T  # (D, N)
+        group["image_size"] = features.image_size[::-1]  # (width, height)
+
+with h5py.File(out / "matches.h5", "w") as file, open(out / "pairs.txt", "w", encoding="utf-8") as list_:
+    for a, b in combinations(found, 2):
+        list_.write(f"{a} {b}\n")
+        first, second = match(found[a], found[b]).T
+        partners = np.full(len(found[a]), -1, np.int32)  # of each keypoint of a, in b; -1 is none
+        cosines = np.zeros(len(found[a]), np.float32)
+        partners[first] = second
+        cosines[first] = (found[a].descriptors[first] * found[b].descriptors[second]).sum(axis=1)
+        group = file.create_group("/".join(name.replace("/", "-") for name in (a, b)))
+        group["matches0"], group["matching_scores0"] = partners, cosines
