@@ -163,15 +163,15 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, Features]:
     return {path: elf.detect(read(path, ignore_exif=True), **settings) for path in paths}
 
 
-def converted(script: str, photos: dict[Path, Features], out: Path) -> None:
+def converted(script: str, folder: Path, out: Path) -> subprocess.CompletedProcess[str]:
     env = {**os.environ, "PYTHONPATH": str(ROOT / "runtime")}
-    command = [sys.executable, str(EXAMPLES / "pipelines" / script), str(next(iter(photos)).parent), str(out)]
-    done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    command = [sys.executable, str(EXAMPLES / "pipelines" / script), str(folder), str(out)]
+    return subprocess.run(command, env=env, capture_output=True, text=True, check=False)
 
 
 def test_colmap_s_text_files_hold_the_keypoints_and_the_matches(photos: dict[Path, Features], tmp_path: Path) -> None:
-    converted("to_colmap.py", photos, tmp_path / "out")
+    done = converted("to_colmap.py", next(iter(photos)).parent, tmp_path / "out")
+    assert done.returncode == 0, done.stderr
     a, b = photos.values()
     for name, features in zip(("a.jpg", "sub/b.jpg"), (a, b), strict=True):
         header, *lines = (tmp_path / "out" / "features" / f"{name}.txt").read_text().splitlines()
@@ -186,9 +186,18 @@ def test_colmap_s_text_files_hold_the_keypoints_and_the_matches(photos: dict[Pat
     assert [list(map(int, line.split())) for line in lines] == match(a, b).tolist()
 
 
+def test_colmap_s_list_of_matches_has_no_names_with_spaces(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "a b.jpg"), PICTURE)
+    done = converted("to_colmap.py", tmp_path, tmp_path / "out")
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert done.stderr.startswith("a b.jpg: ")
+    assert not (tmp_path / "out").exists()
+
+
 def test_hloc_s_files_hold_the_keypoints_and_the_matches(photos: dict[Path, Features], tmp_path: Path) -> None:
     h5py = pytest.importorskip("h5py")
-    converted("to_hloc.py", photos, tmp_path / "out")
+    done = converted("to_hloc.py", next(iter(photos)).parent, tmp_path / "out")
+    assert done.returncode == 0, done.stderr
     a, b = photos.values()
     assert (tmp_path / "out" / "pairs.txt").read_text() == "a.jpg sub/b.jpg\n"
     with h5py.File(tmp_path / "out" / "features.h5", "r") as file:
