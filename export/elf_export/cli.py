@@ -11,16 +11,12 @@ from .options import check, layers_of, parser, preprocessing_of, reduction_of
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit status (0 done, 1 failed, 2 wrong usage)."""
+    """Run the command; returns its exit status (0 done, 1 failed, 2 wrong usage, 130 interrupted)."""
     p = parser()
     args = p.parse_args(argv)
     check(args, p.error)
     try:
-        import onnx  # noqa: F401
-    except ImportError:
-        print("elf-export: error: exporting needs torch and onnx, the extra 'export' (see Install)", file=sys.stderr)
-        return 1
-    try:
+        _need_onnx()
         if args.list:
             _list(args)
         else:
@@ -34,7 +30,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ExportError as error:
         print(f"elf-export: error: {error}", file=sys.stderr)
         return 1
+    except KeyboardInterrupt:
+        print("\nelf-export: interrupted", file=sys.stderr)
+        return 130
     return 0
+
+
+def _need_onnx() -> None:
+    try:
+        import onnx  # noqa: F401
+    except ImportError as error:
+        raise ExportError("exporting needs torch and onnx, the extra 'export' (see Install)") from error
 
 
 def _export(args: argparse.Namespace) -> None:

@@ -183,6 +183,8 @@ def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
         fail(f"--whiten is a number from 0 to 1, not {args.whiten:g}")
     if args.whiten and args.desc_reduce == "channels":
         fail("--whiten divides principal components; it goes with --desc-reduce pca only")
+    if layers_of(args.desc) == [] and args.desc != "none":
+        fail(f"--desc {args.desc!r} names no layer; --desc none is for a detector without descriptors")
     if args.list:
         return
     if args.net is None and args.onnx is None:

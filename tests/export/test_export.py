@@ -236,6 +236,29 @@ def test_the_reader_of_a_list_may_have_seen_enough(monkeypatch: pytest.MonkeyPat
         assert main(["--list"]) == 1
 
 
+def test_an_interruption_is_one_line_and_has_the_shell_s_status(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "replace", interrupted)
+    assert main(["--net", "sobel", "--desc", "none", "--offline", "-o", str(tmp_path / "a.onnx")]) == 130
+    assert capsys.readouterr().err == "\nelf-export: interrupted\n"
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("model", [["--net", "vgg"], ["--onnx", "a.onnx", "--layer", "a"]])
+@pytest.mark.parametrize("text", ["", ",", " , "])
+def test_an_empty_list_of_layers_is_not_none(
+    model: list[str], text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main([*model, "--desc", text])
+    assert caught.value.code == 2
+    assert f"--desc {text!r} names no layer; --desc none is for" in capsys.readouterr().err
+
+
 def test_usage_errors(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         main([])
