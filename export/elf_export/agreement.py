@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,12 +13,12 @@ import numpy.typing as npt
 
 from elf_eval.geometry import warp
 from elf_eval.metrics import covisible, descriptor_distances, repeatability_and_matching_score
-from elf_runtime import ElfRuntime, Features
+from elf_runtime import ElfRuntime, Features, InputSpec
 
-from .calibration import CalibrationSet
-from .errors import ExportError, VerificationError
+from .calibration import CalibrationSet, decoded
+from .errors import VerificationError
 
-Image = npt.NDArray[np.uint8]
+Image = npt.NDArray[Any]  # (H, W) or (H, W, 3), of the file's own bit depth
 
 LARGEST = 640  # pixels, of the longer side of a user's image
 NEAR = 1.0  # pixels of the source image
@@ -28,7 +29,7 @@ LEAST_CORRELATION = 0.5  # below it, the low precision has lost the saliency
 
 @dataclass(frozen=True)
 class Agreement:
-    """A model of lower precision beside its float32 self, over the calibration images.
+    """A model of lower precision beside its float32 self, over the calibration images that are not flat.
 
     Attributes
     ----------
@@ -57,24 +58,28 @@ class Agreement:
 
 
 def measure(lower: bytes, full: bytes, images: CalibrationSet) -> Agreement:
-    """Run both models, with their contracts, on every image and on a view of it.
+    """Run both models, with their contracts, on every image and on a view of it; flat images say nothing.
 
     Raises
     ------
+    ExportError
+        If a file can't be read as an image any more.
     VerificationError
         If the lower precision gives no finite saliency, or hardly that of float32.
     """
     a, b = ElfRuntime(lower), ElfRuntime(full)
     rows, times = [], []
-    for index, image in enumerate(_sources(images, b.contract.detection.scale)):
+    for index, image in enumerate(_sources(images, b.contract.input, b.contract.detection.scale)):
         view, homography = _view(image, index)
         one, other = a.trace(image), b.trace(image)
+        if np.ptp(other.saliency) == 0:
+            continue
         if not np.isfinite(one.saliency).all():
             raise VerificationError(
                 f"{a.contract.precision} overflows in this network: its saliency is not finite. No file was written."
             )
-        spread = min(float(one.saliency.std()), float(other.saliency.std()))
-        correlation = float(np.corrcoef(one.saliency.ravel(), other.saliency.ravel())[0, 1]) if spread > 0 else 0.0
+        varies = one.saliency.std() > 0
+        correlation = float(np.corrcoef(one.saliency.ravel(), other.saliency.ravel())[0, 1]) if varies else 0.0
         near = _near(other.features.keypoints, one.features.keypoints)
         # The second images of their size: no session is opened.
         seen, also = a.trace(view), b.trace(view)
@@ -82,6 +87,11 @@ def measure(lower: bytes, full: bytes, images: CalibrationSet) -> Agreement:
         scores = [_scores(t.features, v.features, homography) for t, v in ((one, seen), (other, also))]
         rows.append([correlation, near, len(one.features), len(other.features), scores[0][0], scores[1][0],
                      scores[0][1], scores[1][1]])  # fmt: skip
+    if not rows:
+        raise VerificationError(
+            f"{images.name}: float32 finds no saliency in any, so {a.contract.precision} can't be held against it. "
+            "No file was written."
+        )
     means = np.array(rows, np.float64).mean(axis=0)
     if means[0] < LEAST_CORRELATION:
         raise VerificationError(
@@ -116,27 +126,38 @@ def table(precision: str, a: Agreement) -> str:
     return "\n".join(lines)
 
 
-def _sources(images: CalibrationSet, scale: float) -> Iterator[Image]:
-    """The images, of such a size that at the working scale they are as in calibration, or at most 640 pixels large."""
+def _sources(images: CalibrationSet, spec: InputSpec, scale: float) -> Iterator[Image]:
+    """The images, of such a size that at the working scale they are as in calibration, or at most 640 pixels large.
+
+    None is smaller than the graph takes: a tiny image is enlarged, and of a panorama only the central part is taken.
+    """
     for path in images.files:
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
-        if image is None:
-            raise ExportError(f"{path}: not an image that OpenCV can read")
+        image = decoded(path)
+        longest = min(image.shape[:2]) * LARGEST // spec.min_size
+        top, left = (max(size - longest, 0) // 2 for size in image.shape[:2])
+        image = image[top : top + longest, left : left + longest]
         factor = 1 / scale if images.ready else min(1.0, LARGEST / max(image.shape[:2]))
+        factor = max(factor, spec.min_size / min(image.shape[:2]))
         method = cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
-        yield np.asarray(cv2.resize(image, None, fx=factor, fy=factor, interpolation=method))
+        resized = np.asarray(cv2.resize(image, None, fx=factor, fy=factor, interpolation=method))
+        yield resized.clip(0, 1) if image.dtype.kind == "f" else resized
 
 
 def _view(image: Image, index: int) -> tuple[Image, npt.NDArray[np.float64]]:
-    """Another view, brighter or darker and with noise, and the homography from the image to it."""
+    """Another view, brighter or darker and with noise, and the homography from the image to it.
+
+    Noise and saturation go by the largest value that the camera gives: 255 in 8 bits, else the image's own, as 12 bits
+    may lie in 16.
+    """
     rng = np.random.default_rng(index)
     height, width = image.shape[:2]
     corners = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
     moved = corners + rng.uniform(-0.08, 0.08, (4, 2)) * (width, height)
     homography = cv2.getPerspectiveTransform(corners, moved.astype(np.float32))
     view = cv2.warpPerspective(image, homography, (width, height), flags=cv2.INTER_LINEAR)
-    noisy = view * rng.uniform(0.7, 1.2) + rng.normal(0, 4, view.shape)
-    return np.clip(noisy, 0, 255).astype(np.uint8), np.asarray(homography, np.float64)
+    most = 255.0 if image.dtype == np.uint8 else float(image.max())
+    noisy = view * rng.uniform(0.7, 1.2) + rng.normal(0, 4, view.shape) * (most / 255)
+    return np.clip(noisy, 0, most).astype(image.dtype), np.asarray(homography, np.float64)
 
 
 def _scores(first: Features, second: Features, homography: npt.NDArray[np.float64]) -> tuple[float, float]:

@@ -12,13 +12,14 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from elf_runtime import InputSpec
 from elf_runtime.errors import ImageError
-from elf_runtime.image import read, resized, to_pixels
+from elf_runtime.image import is_flat, named, read, resized, to_pixels
 
 from .errors import ExportError
 
@@ -74,17 +75,13 @@ class CalibrationSet:
         Raises
         ------
         ExportError
-            If a file can't be read as an image.
+            If a file can't be read as an image any more.
         """
         for path in self.files:
             yield self._pixels(path, spec, 1.0 if self.ready else scale)[None]
 
     def _pixels(self, path: Path, spec: InputSpec, scale: float) -> Array:
-        try:
-            pixels = to_pixels(read(path), spec)
-        except ImageError as error:
-            text = str(error)
-            raise ExportError(text if text.startswith(str(path)) else f"{path}: {text}") from error
+        pixels = to_pixels(decoded(path), spec)
         height, width = pixels.shape[:2]
         if not spec.is_fixed:
             share = math.sqrt(MOST_PIXELS / (height * width * scale * scale))
@@ -97,8 +94,25 @@ class CalibrationSet:
         return resized(pixels, spec.size_for(height, width, scale))
 
 
+def decoded(path: Path) -> npt.NDArray[Any]:
+    """The image in a file, as `ElfRuntime` reads it: BGR or grey, with its bit depth kept.
+
+    Raises
+    ------
+    ExportError
+        Naming the file, if it is no image, or none that the runtime takes.
+    """
+    try:
+        image = read(path)
+        with named(path):
+            to_pixels(image, InputSpec())
+    except ImageError as error:
+        raise ExportError(str(error)) from error
+    return image
+
+
 def calibration_set(folder: str | os.PathLike[str] | None = None) -> CalibrationSet:
-    """The images of `folder`, or the photographs that come with the exporter.
+    """The images of `folder`, or the photographs that come with the exporter; each is decoded once, to be sure of it.
 
     Parameters
     ----------
@@ -109,7 +123,7 @@ def calibration_set(folder: str | os.PathLike[str] | None = None) -> Calibration
     Raises
     ------
     ExportError
-        If there is no such folder, or no image in it.
+        If there is no such folder, no image in it, a file that `decoded` refuses, or nothing but flat images.
     """
     root = BUNDLED if folder is None else Path(folder)
     try:
@@ -123,12 +137,15 @@ def calibration_set(folder: str | os.PathLike[str] | None = None) -> Calibration
     if len(names) > MOST_IMAGES:
         names = [names[i * len(names) // MOST_IMAGES] for i in range(MOST_IMAGES)]
     files = tuple(root / name for name in names)
-    sha = hashlib.sha256()
+    sha, flat = hashlib.sha256(), True
     for path in files:
+        flat &= is_flat(decoded(path))
         try:
             sha.update(hashlib.sha256(path.read_bytes()).digest())
         except OSError as error:
             raise ExportError(f"{path}: {error.strerror or error}") from error
+    if flat:
+        raise ExportError(f"{root}: each image is of one colour throughout; take images that have texture")
     name = (
         f"{len(files)} images of {root.resolve().name}"
         if folder is not None

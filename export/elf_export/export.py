@@ -177,7 +177,7 @@ def export_network(
     map_checks: list[MapCheck] = []
     if reduction is not None:
         model, reductions, map_checks = reduce_descriptors(
-            model, labels, reduction, calibration, spec, params.scale, maps, log
+            model, labels, reduction, images, spec, params.scale, maps, log
         )
     checks = verify.verify(model, reference("float64"), channels, params, reference("float32"))
     verify.require(checks)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 
 import onnx
@@ -11,7 +10,7 @@ from elf_runtime import InputSpec
 from elf_runtime.contract import ReductionSpec
 
 from . import verify_projection
-from .calibration import calibration_set
+from .calibration import CalibrationSet
 from .errors import LayerError
 from .passes import project
 from .projection import Reduction, fit_layers, specs
@@ -23,7 +22,7 @@ def reduce_descriptors(
     model: onnx.ModelProto,
     layers: Sequence[str],
     reduction: Reduction,
-    calibration: str | os.PathLike[str] | None,
+    images: CalibrationSet,
     spec: InputSpec,
     scale: float,
     maps: Maps,
@@ -37,8 +36,8 @@ def reduce_descriptors(
         With the outputs ``descriptors_NAME`` (N, h, w, D) of `layers`.
     layers : names
         As in the contract.
-    calibration : path, optional
-        Folder of images to fit to; the exporter's photographs by default.
+    images : CalibrationSet
+        What to fit to.
     spec : InputSpec
         The graph's input.
     scale : float
@@ -56,12 +55,11 @@ def reduce_descriptors(
     Raises
     ------
     ExportError
-        No descriptor layer, one of too few channels, a calibration set that can't be read, or a graph that
+        No descriptor layer, one of too few channels, a calibration image that can't be read any more, or a graph that
         does not agree with `maps`.
     """
     if not layers:
         raise LayerError("there is no descriptor layer whose values could be made fewer")
-    images = calibration_set(calibration)
     projections = fit_layers(model, layers, reduction, images, spec, scale)
     model = project(
         model, {descriptor_output(name): (p.matrix, -p.mean @ p.matrix) for name, p in projections.items()},

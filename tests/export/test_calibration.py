@@ -108,6 +108,30 @@ def test_of_very_many_images_some_are_taken(tmp_path: Path) -> None:
     assert names == [f"{2 * index:03d}.png" for index in range(MOST_IMAGES)]
 
 
+def test_every_file_is_decoded_at_once(tmp_path: Path) -> None:
+    write(tmp_path, "a.png", 40, 60)
+    for name, pixels, message in (
+        ("b.tif", np.full((40, 60), 2, np.float32), r"b\.tif: float images are in \[0, 1\], this one is in \[2, 2\]"),
+        ("c.tif", np.zeros((40, 60), np.int16), r"c\.tif: an image is uint8, uint16 or float in \[0, 1\], not int16"),
+    ):
+        assert cv2.imwrite(str(tmp_path / name), pixels)
+        with pytest.raises(ExportError, match=message):
+            calibration_set(tmp_path)
+        (tmp_path / name).unlink()
+    (tmp_path / "d.jpg").write_bytes(b"no image")
+    with pytest.raises(ExportError, match=r"d\.jpg: not an image that OpenCV can decode"):
+        calibration_set(tmp_path)
+
+
+def test_flat_images_alone_are_refused(tmp_path: Path) -> None:
+    for index, color in enumerate((0, 128)):
+        cv2.imwrite(str(tmp_path / f"{index}.png"), np.full((40, 60, 3), color, np.uint8))
+    with pytest.raises(ExportError, match=f"{tmp_path}: each image is of one colour throughout"):
+        calibration_set(tmp_path)
+    write(tmp_path, "2.png", 40, 60)
+    assert len(calibration_set(tmp_path)) == 3
+
+
 def test_what_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ExportError, match=r"nowhere: not a folder of calibration images: No such file"):
         calibration_set(tmp_path / "nowhere")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -20,7 +21,7 @@ from elf_export.networks import get_network
 from elf_export.options import parser, setting
 from elf_export.passes import bfloat16_weights, half_precision
 from elf_export.passes.half_precision import MANY
-from elf_runtime import DetectionParams, ElfRuntime
+from elf_runtime import DetectionParams, ElfRuntime, InputSpec
 from elf_runtime.session import open_session
 from export import small_models as small
 from helpers import shared, textured
@@ -264,6 +265,65 @@ def test_a_model_agrees_with_itself(tmp_path: Path, pictures: Path) -> None:
         1.0, found.keypoints_fp32, found.rep_fp32, found.ms_fp32
     )  # fmt: skip
     assert found.rep > 30
+
+
+@pytest.fixture(scope="module")
+def small_elf(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    folder = tmp_path_factory.mktemp("small")
+    onnx.save(small.nchw(("n", 3, "h", "w")), folder / "model.onnx")
+    return export_onnx(folder / "model.onnx", "relu2", ["relu2"], folder / "elf.onnx").path.read_bytes()
+
+
+def test_panoramas_and_images_below_the_smallest_size_are_compared(tmp_path: Path, small_elf: bytes) -> None:
+    cv2.imwrite(str(tmp_path / "panorama.png"), textured(40, 5000))
+    cv2.imwrite(str(tmp_path / "small.png"), textured(31, 40))
+    images, spec = calibration_set(tmp_path), InputSpec(min_size=32)
+    assert [image.shape[:2] for image in agreement._sources(images, spec, 1.0)] == [(32, 640), (32, 41)]
+    assert agreement.measure(small_elf, small_elf, images).correlation == pytest.approx(1)
+
+
+def test_bit_depths_are_compared_as_the_runtime_reads_them(tmp_path: Path, small_elf: bytes) -> None:
+    """8 bits, 12 of 16 bits, and float: the same picture, the same figures but for the rounding of its view."""
+    image = textured(300, 400)
+    image[0, 0] = 255
+    figures = []
+    depths = {"8.png": image, "12.png": image.astype(np.uint16) * 16, "float.tif": np.float32(image) / 255}
+    for name, pixels in depths.items():
+        folder = tmp_path / name
+        folder.mkdir()
+        cv2.imwrite(str(folder / name), pixels)
+        figures.append(agreement.measure(small_elf, small_elf, calibration_set(folder)))
+    eight, *others = figures
+    assert eight.keypoints > 50
+    for found in others:
+        assert found.keypoints == pytest.approx(eight.keypoints, rel=0.05)
+        assert found.rep == pytest.approx(eight.rep, abs=5)
+
+
+def test_an_enlarged_float_image_stays_within_its_range(tmp_path: Path, small_elf: bytes) -> None:
+    pixels = np.zeros((16, 20), np.float32)
+    pixels[4:9, 5:12] = 1
+    cv2.imwrite(str(tmp_path / "f.tif"), pixels)
+    assert agreement.measure(small_elf, small_elf, calibration_set(tmp_path)).correlation == pytest.approx(1)
+
+
+def test_a_flat_image_does_not_count(tmp_path: Path, small_elf: bytes) -> None:
+    def measured() -> agreement.Agreement:
+        return replace(agreement.measure(small_elf, small_elf, calibration_set(tmp_path)), time=0)
+
+    cv2.imwrite(str(tmp_path / "a.png"), textured(120, 160))
+    alone = measured()
+    cv2.imwrite(str(tmp_path / "b.png"), np.zeros((120, 160, 3), np.uint8))
+    assert measured() == alone
+
+
+def test_what_has_no_saliency_compares_nothing(tmp_path: Path, small_elf: bytes) -> None:
+    """A panorama whose central part, which is taken, is flat."""
+    image = textured(32, 3000)
+    image[:, 1000:2000] = 7
+    cv2.imwrite(str(tmp_path / "a.png"), image)
+    with pytest.raises(ExportError, match=f"1 images of {tmp_path.name}: float32 finds no saliency in any"):
+        agreement.measure(small_elf, small_elf, calibration_set(tmp_path))
 
 
 def test_a_lost_saliency_is_refused(tmp_path: Path, pictures: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -194,7 +194,7 @@ def export_onnx(
     if reduction is not None:
         maps = maps_of(saliency, described)
         saliency, reductions, map_checks = reduce_descriptors(
-            saliency, described, reduction, calibration, spec, params.scale, maps, log
+            saliency, described, reduction, images, spec, params.scale, maps, log
         )
     contract = ModelContract(
         network=Path(file).stem,
