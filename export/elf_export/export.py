@@ -32,7 +32,7 @@ from .output import (
     versions,
     write,
 )
-from .precision import lower
+from .precision import check_precision, lower
 from .preprocessing import Preprocessing
 from .projection import Reduction
 from .receptive_field import receptive_fields
@@ -119,6 +119,7 @@ def export_network(
         raise ExportError(f"--desc-weights {desc_weights}: no other network describes (--desc NET:LAYER)")
     path = check_output(output or f"elf-{name}-{layer}.onnx", force)
     check_opset(opset)
+    check_precision(precision, opset)
     images = calibration_set(calibration)
 
     settings = network.preprocessing

@@ -18,6 +18,14 @@ from .quantize import quantize
 LEAST_OPSET = 13  # of bfloat16, and of one scale for each channel
 
 
+def check_precision(precision: str, opset: int) -> None:
+    """Raise ExportError on an opset too old for the precision."""
+    if precision != "fp32" and opset < LEAST_OPSET:
+        raise ExportError(
+            f"the model is of opset {opset}, {precision} needs opset {LEAST_OPSET} or later; choose one with --opset"
+        )
+
+
 def lower(
     model: onnx.ModelProto,
     contract: ModelContract,
@@ -46,8 +54,7 @@ def lower(
         return model, contract
     from . import agreement  # its scores need the evaluation package
 
-    if opset_of(model) < LEAST_OPSET:
-        raise ExportError(f"{precision} needs opset {LEAST_OPSET} or later; choose one with --opset")
+    check_precision(precision, opset_of(model))
     if precision == "int8":
         lowered = quantize(model, images, contract.input, contract.detection.scale)
     else:

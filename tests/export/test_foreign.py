@@ -282,6 +282,23 @@ def test_what_is_no_model(tmp_path: Path) -> None:
         load_model(tmp_path / "model.onnx")
     with pytest.raises(ExportError, match="no such file"):
         load_model(tmp_path / "none.onnx")
+    with pytest.raises(ExportError, match=f"{tmp_path} is a folder, not an .onnx file"):
+        load_model(tmp_path)
+
+
+def test_a_fixed_size_has_no_working_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("elf_export.foreign.export.build_saliency", lambda *_, **__: pytest.fail("work was done"))
+    message = r"takes images of 48x40 \(width x height\) only, .*: --set scale=0.5 can't be chosen, leave it out"
+    with pytest.raises(ExportError, match=message):
+        export_onnx(saved(small.classifier(), tmp_path), "logits", [], tmp_path / "elf.onnx", detection={"scale": 0.5})
+
+
+def test_an_opset_that_the_model_can_t_become(tmp_path: Path) -> None:
+    node = helper.make_node("LayerNormalization", ["x", "w"], ["y"], name="norm")
+    model = small.model([node], {"w": np.ones(8, np.float32)}, (1, 3, 8, 8), "y")
+    message = r"to 11: (?s:.*)Leave out --opset, which keeps 17, or export the model again with opset 11"
+    with pytest.raises(ExportError, match=message):
+        export_onnx(saved(model, tmp_path), "y", [], tmp_path / "elf.onnx", opset=11)
 
 
 def test_a_wrong_gradient_is_not_written(

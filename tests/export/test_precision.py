@@ -354,6 +354,28 @@ def test_old_opsets_are_refused(tmp_path: Path, precision: str, capsys: pytest.C
     assert not list(tmp_path.iterdir())
 
 
+def test_what_can_be_refused_is_refused_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("elf_export.export.load_weights", lambda *_: pytest.fail("weights were loaded before"))
+    monkeypatch.setattr("elf_export.foreign.export.prepare", lambda *_: pytest.fail("the model was prepared before"))
+    for opset in (11, 17):
+        onnx.save(small.nchw(opset=opset), tmp_path / f"{opset}.onnx")
+    (tmp_path / "pictures").mkdir()
+    (tmp_path / "pictures" / "broken.png").write_bytes(b"no image")
+    net = ["--net", "vgg", "--offline", "-o", str(tmp_path / "a.onnx")]
+    old, new = (["--onnx", str(tmp_path / f"{n}.onnx"), "--layer", "relu2", "--desc", "none"] for n in (11, 17))
+    for words, message in (
+        ([*net, "--opset", "11"], "the model is of opset 11, int8 needs opset 13 or later; choose one with --opset"),
+        (old, "the model is of opset 11, int8 needs opset 13 or later"),
+        ([*new, "--opset", "12"], "the model is of opset 12, int8 needs opset 13 or later"),
+        ([*net, "--calibration", str(tmp_path / "pictures")], "broken.png: not an image that OpenCV can decode"),
+        ([*new, "--calibration", str(tmp_path / "pictures")], "broken.png: not an image that OpenCV can decode"),
+    ):
+        assert main([*words, "--precision", "int8"]) == 1
+        assert message in capsys.readouterr().err
+
+
 @pytest.mark.usefixtures("small_probes")
 def test_calibration_folders_that_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     base = ["--net", "vgg", "--layer", "conv1_2", "--desc", "none", "--offline", "-o", str(tmp_path / "a.onnx")]

@@ -29,8 +29,8 @@ from elf_export.output import (
     versions,
     write,
 )
-from elf_export.passes import convert_opset, cut, opset_of, single_precision
-from elf_export.precision import lower
+from elf_export.passes import convert_opset, cut, opset_of, single_precision, target_opset
+from elf_export.precision import check_precision, lower
 from elf_export.preprocessing import Preprocessing
 from elf_export.projection import Reduction
 from elf_export.receptive_field import Field, receptive_fields
@@ -144,7 +144,14 @@ def export_onnx(
     params = chosen(DetectionParams(), detection)
     images = calibration_set(calibration)
     model = load_model(file)
+    check_precision(precision, target_opset(model, opset))
     source = prepare(model, [layer, *descriptors], image_input, opset)
+    fixed = source.sizes.width, source.sizes.height
+    if params.scale != 1.0 and any(fixed):
+        raise ExportError(
+            f"the model takes images of {fixed[0] or 'any'}x{fixed[1] or 'any'} (width x height) only, to which the "
+            f"runtime resizes: --set scale={params.scale:g} can't be chosen, leave it out"
+        )
     name, *described = source.layers
     described = list(dict.fromkeys(described))
     path = check_output(output or f"elf-{Path(file).stem}-{file_name(name)}.onnx", force)

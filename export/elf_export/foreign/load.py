@@ -21,10 +21,12 @@ def load_model(path: str | os.PathLike[str]) -> onnx.ModelProto:
     Raises
     ------
     ExportError
-        If the file is missing, no ONNX model, its external data is not beside it, or it is larger than one
+        If the file is missing, a folder, no ONNX model, its external data is not beside it, or it is larger than one
         protobuf file may be.
     """
     file = Path(path)
+    if file.is_dir():
+        raise ExportError(f"{file} is a folder, not an .onnx file")
     if not file.is_file():
         raise ExportError(f"{file}: no such file")
     try:

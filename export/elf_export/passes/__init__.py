@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .compose_convs import compose_convs
-from .convert_opset import OPSETS, convert_opset, opset_of
+from .convert_opset import OPSETS, convert_opset, opset_of, target_opset
 from .cut import cut
 from .expand_response import expand_response
 from .fold_batchnorm import fold_batchnorm
@@ -31,4 +31,5 @@ __all__ = [
     "share",
     "share_row_maxima",
     "single_precision",
+    "target_opset",
 ]

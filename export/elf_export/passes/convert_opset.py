@@ -20,8 +20,7 @@ def convert_opset(model: onnx.ModelProto, wanted: int | None = None) -> onnx.Mod
     ExportError
         If onnx's converter can't do it; the message says which op it stopped at.
     """
-    own = opset_of(model)
-    target = wanted or (OLD_MODELS if own < OPSETS[0] else min(own, OPSETS[-1]))
+    own, target = opset_of(model), target_opset(model, wanted)
     result = onnx.ModelProto()
     if target == own:
         result.CopyFrom(model)
@@ -34,12 +33,23 @@ def convert_opset(model: onnx.ModelProto, wanted: int | None = None) -> onnx.Mod
             result = version_converter.convert_version(source, target)
         except Exception as error:  # the converter raises whatever its C++ side threw
             reason = str(error).strip().splitlines()[0]
+            advice = (
+                f"Leave out --opset, which keeps {own}, or export the model again with opset {target}"
+                if own in OPSETS
+                else f"Export it again with an opset from {OPSETS[0]} to {OPSETS[-1]}"
+            )
             raise ExportError(
                 f"the model is of opset {own}, and onnx {onnx.__version__} can't convert it to {target}: {reason}.  "
-                f"Export it again with an opset from {OPSETS[0]} to {OPSETS[-1]}"
+                f"{advice}"
             ) from error
     result.ir_version = min(max(result.ir_version, 7), MAX_IR_VERSION)
     return result
+
+
+def target_opset(model: onnx.ModelProto, wanted: int | None = None) -> int:
+    """The opset that `convert_opset` gives the model."""
+    own = opset_of(model)
+    return wanted or (OLD_MODELS if own < OPSETS[0] else min(own, OPSETS[-1]))
 
 
 def opset_of(model: onnx.ModelProto) -> int:
