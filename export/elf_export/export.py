@@ -103,8 +103,8 @@ def export_network(
     Raises
     ------
     ExportError
-        Unknown network, layer or opset, missing weights, an existing file, or a graph that does not agree
-        with torch.autograd; no file is left behind.
+        Unknown network, layer or opset, missing weights, an existing file, a calibration image that can't be
+        used, or a graph that does not agree with torch.autograd; no file is left behind.
     """
     network = get_network(name)
     params = chosen(network.detection, detection)

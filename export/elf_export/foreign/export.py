@@ -136,8 +136,9 @@ def export_onnx(
     Raises
     ------
     ExportError
-        A file that can't be read or run, an unknown layer, an op without an adjoint, or a gradient that does
-        not agree with central differences; no file is left behind.
+        A file that can't be read or run, an unknown layer, a working scale for a model of one size, a calibration
+        image that can't be used, an op without an adjoint, or a gradient that does not agree with central
+        differences; no file is left behind.
     """
     if opset is not None:
         check_opset(opset)
