@@ -42,4 +42,4 @@ def arguments(own: DetectionParams, detection: DetectionParams) -> list[str]:
 def _text(value: Any) -> str:
     if isinstance(value, (tuple, list)):
         return ",".join(map(_text, value))
-    return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
+    return str(value).lower() if isinstance(value, bool) else str(value)

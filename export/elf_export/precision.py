@@ -11,6 +11,7 @@ from elf_runtime import ModelContract
 
 from .calibration import CalibrationSet
 from .errors import ExportError
+from .options import PRECISIONS
 from .output import stamped
 from .passes import bfloat16_weights, half_precision, opset_of
 from .quantize import quantize
@@ -19,7 +20,9 @@ LEAST_OPSET = 13  # of bfloat16, and of one scale for each channel
 
 
 def check_precision(precision: str, opset: int) -> None:
-    """Raise ExportError on an opset too old for the precision."""
+    """Raise ExportError on an unknown precision, or an opset too old for it."""
+    if precision not in PRECISIONS:
+        raise ExportError(f"precision is one of {', '.join(PRECISIONS)}, not {precision!r}")
     if precision != "fp32" and opset < LEAST_OPSET:
         raise ExportError(
             f"the model is of opset {opset}, {precision} needs opset {LEAST_OPSET} or later; choose one with --opset"

@@ -115,7 +115,12 @@ def _transposed(graph: Graph, node: onnx.NodeProto, before: Field) -> Field:
     ]
     window = window_of(context, kernel)
     extent, stride = window.extent[-1], window.strides[-1]
-    begin = window.begin[-1] if window.begin is not None else max(extent - stride, 0) // 2
+    if window.begin is None or context.attrs.get("auto_pad", "NOTSET").startswith("SAME"):
+        # Not what a Conv of this window would add: every size becomes `stride` times as large.
+        total = max(extent + context.attrs.get("output_padding", [0])[-1] - stride, 0)
+        begin = total - total // 2 if window.same_lower else total // 2
+    else:
+        begin = window.begin[-1]
     return Field(
         before.stride / stride,
         before.offset + (begin - (extent - 1) / 2) / stride * before.stride,

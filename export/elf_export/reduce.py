@@ -77,4 +77,4 @@ def arguments(reduction: Reduction | None) -> list[str]:
     words = ["--desc-dim", str(reduction.dim)]
     words += ["--desc-reduce", reduction.method] if reduction.method != "pca" else []
     words += ["--keep-weights"] if reduction.separate else []
-    return words + (["--whiten", f"{reduction.exponent:g}"] if reduction.method == "pca" else [])
+    return words + (["--whiten", str(reduction.exponent)] if reduction.method == "pca" else [])

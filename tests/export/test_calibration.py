@@ -100,12 +100,41 @@ def test_the_digest_is_of_the_contents(tmp_path: Path) -> None:
     assert calibration_set().sha256 == calibration_set().sha256 != one.sha256
 
 
-def test_of_very_many_images_some_are_taken(tmp_path: Path) -> None:
+@pytest.mark.parametrize("count", [MOST_IMAGES, MOST_IMAGES + 1, MOST_IMAGES * 3 // 2, MOST_IMAGES * 2])
+def test_of_very_many_images_some_are_taken(tmp_path: Path, count: int) -> None:
     data = cv2.imencode(".png", textured(8, 8))[1].tobytes()
-    for index in range(2 * MOST_IMAGES):
+    for index in range(count):
         (tmp_path / f"{index:03d}.png").write_bytes(data)
     names = [path.name for path in calibration_set(tmp_path).files]
-    assert names == [f"{2 * index:03d}.png" for index in range(MOST_IMAGES)]
+    places = np.linspace(0, count, MOST_IMAGES, endpoint=False)
+    assert names == [f"{int(place + 1e-9):03d}.png" for place in places]
+
+
+def test_the_digest_is_over_the_digests_of_all_files_whatever_they_are_called(tmp_path: Path) -> None:
+    for name, seed in (("a.png", 1), ("b.png", 2)):
+        write(tmp_path, name, 40, 60, seed)
+    digests = [hashlib.sha256((tmp_path / name).read_bytes()).digest() for name in ("a.png", "b.png")]
+    assert calibration_set(tmp_path).sha256 == hashlib.sha256(b"".join(digests)).hexdigest()
+    (tmp_path / "a.png").rename(tmp_path / "aa.png")
+    assert calibration_set(tmp_path).sha256 == hashlib.sha256(b"".join(digests)).hexdigest()
+
+
+def test_a_set_is_called_after_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "photos").mkdir()
+    write(tmp_path / "photos", "a.png", 40, 60)
+    monkeypatch.chdir(tmp_path / "photos")
+    assert calibration_set(".").name == calibration_set(tmp_path / "photos").name == "1 images of photos"
+    assert calibration_set().name == "the exporter's photographs"
+
+
+@pytest.mark.parametrize("size", [(1, 400_000), (400_000, 1)])
+def test_of_a_single_row_or_column_the_middle_is_left(tmp_path: Path, size: tuple[int, int]) -> None:
+    assert cv2.imwrite(str(tmp_path / "line.png"), np.arange(400_000, dtype=np.uint32).astype(np.uint8).reshape(size))
+    (batch,) = calibration_set(tmp_path).batches(InputSpec(min_size=1))
+    length = int(400_000 * (MOST_PIXELS / 400_000) ** 0.5)
+    assert sorted(batch.shape[1:3]) == [1, length]
+    wanted = (np.arange(length) + (400_000 - length) // 2) % 256
+    np.testing.assert_array_equal(batch.reshape(length, 3), wanted[:, None].repeat(3, 1))
 
 
 def test_every_file_is_decoded_at_once(tmp_path: Path) -> None:
@@ -143,3 +172,26 @@ def test_what_is_refused(tmp_path: Path) -> None:
     (tmp_path / "broken.jpg").write_bytes(b"no image either")
     with pytest.raises(ExportError, match=r"broken\.jpg: not an image that OpenCV can decode"):
         list(calibration_set(tmp_path).batches(FREE))
+    (tmp_path / "broken.jpg").unlink()
+    assert cv2.imwrite(str(tmp_path / "a.tif"), np.full((40, 60, 3), 300.0, np.float32))
+    with pytest.raises(ExportError, match=r"a\.tif: float images are in \[0, 1\]"):
+        list(calibration_set(tmp_path).batches(FREE))
+
+
+def test_a_refusal_names_the_file_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert cv2.imwrite(str(tmp_path / "broken.jpg"), textured(40, 60, 0))
+    images, whole = calibration_set(tmp_path), (tmp_path / "broken.jpg").read_bytes()
+    (tmp_path / "broken.jpg").write_bytes(b"no image")
+    for look in (lambda: list(images.batches(FREE)), lambda: calibration_set(tmp_path)):
+        with pytest.raises(ExportError) as caught:
+            look()
+        assert str(caught.value).count("broken.jpg") == 1
+    (tmp_path / "broken.jpg").write_bytes(whole)
+
+    def refuse(path: Path) -> bytes:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    with pytest.raises(ExportError) as caught:
+        calibration_set(tmp_path)
+    assert str(caught.value) == f"{tmp_path / 'broken.jpg'}: Permission denied"

@@ -15,7 +15,7 @@ from onnx import TensorProto, helper, numpy_helper
 from elf_export import ExportError, agreement, export_network, export_onnx
 from elf_export.calibration import calibration_set
 from elf_export.cli import main
-from elf_export.detection import arguments
+from elf_export.detection import arguments, chosen
 from elf_export.graph import Graph
 from elf_export.networks import get_network
 from elf_export.options import parser, setting
@@ -354,6 +354,11 @@ def test_old_opsets_are_refused(tmp_path: Path, precision: str, capsys: pytest.C
     assert not list(tmp_path.iterdir())
 
 
+def test_a_precision_that_there_is_none_of_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ExportError, match="precision is one of fp32, fp16, bf16, int8, not 'int4'"):
+        export_network("vgg", "conv1_1", [], tmp_path / "a.onnx", offline=True, precision="int4")
+
+
 def test_what_can_be_refused_is_refused_before_the_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -440,3 +445,21 @@ def test_settings_become_the_options_that_say_them() -> None:
         args = parser().parse_args(["--net", "vgg", *words])
         assert own.updated(**dict(args.set)) == wanted
     assert isinstance(own, DetectionParams)
+
+
+def test_options_say_what_differs_from_the_network_s_own_settings_to_the_last_digit() -> None:
+    own = DetectionParams(denoise=(9, 3.0), border=4)
+    assert arguments(own, own) == []
+    assert arguments(own, own.updated(border=10, subpixel=True)) == ["--set", "border=10", "--set", "subpixel=true"]
+    wanted = own.updated(scale=1 / 3, denoise=(7, 1.8000001), threshold=0.1 + 0.2)
+    args = parser().parse_args(["--net", "vgg", *arguments(own, wanted)])
+    assert own.updated(**dict(args.set)) == wanted
+
+
+def test_settings_are_all_or_changes_to_the_network_s_own() -> None:
+    own = DetectionParams(denoise=(9, 3.0), border=4)
+    assert chosen(own, None) == chosen(own, {}) == own
+    assert chosen(own, {"scale": 0.5}) == DetectionParams(denoise=(9, 3.0), border=4, scale=0.5)
+    assert chosen(own, DetectionParams(scale=0.5)) == DetectionParams(scale=0.5)
+    with pytest.raises(ExportError, match="border is an integer >= 0, not -1"):
+        chosen(own, {"border": -1})

@@ -13,6 +13,7 @@ import pytest
 from elf_export import (
     ExportError,
     LayerError,
+    Preprocessing,
     Reduction,
     VerificationError,
     build_saliency,
@@ -20,10 +21,12 @@ from elf_export import (
     export_onnx,
 )
 from elf_export import reduce as reduce_module
+from elf_export.calibration import calibration_set
 from elf_export.cli import main
+from elf_export.options import parser, reduction_of
 from elf_export.passes import project
-from elf_export.projection import fit, moments, thinned
-from elf_runtime import ElfRuntime
+from elf_export.projection import fit, fit_layers, moments, specs, thinned
+from elf_runtime import ElfRuntime, InputSpec
 from elf_runtime.commands.info import main as info
 from helpers import textured
 
@@ -95,6 +98,16 @@ def test_a_large_map_is_thinned_evenly() -> None:
     np.testing.assert_array_equal(np.unique(rows[:, 0]), np.arange(0, 300, 2))
     np.testing.assert_array_equal(np.unique(rows[:, 1]), np.arange(0, 200, 2))
     assert len(thinned(grid[:100, :200])) == 20_000
+    assert len(thinned(grid[:101, :200])) == 51 * 100
+
+
+def test_moments_of_few_rows_are_finite(cells: np.ndarray) -> None:
+    mean, covariance = moments([cells[:0], cells[:1]])
+    np.testing.assert_array_equal(mean, cells[0])
+    np.testing.assert_array_equal(covariance, np.zeros((10, 10)))
+    again, spread = moments([cells[:0], cells[:700], cells[:0], cells[700:]])
+    np.testing.assert_allclose(again, cells.mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(spread, np.cov(cells.T), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -103,6 +116,7 @@ def test_a_large_map_is_thinned_evenly() -> None:
         ({"dim": 0}, "at least 1 value, not 0"),
         ({"dim": 2, "method": "lda"}, "by pca or channels, not by 'lda'"),
         ({"dim": 2, "whiten": 1.5}, r"a number in \[0, 1\], not 1.5"),
+        ({"dim": 2, "whiten": -0.5}, r"a number in \[0, 1\], not -0.5"),
         ({"dim": 2, "method": "channels", "whiten": 0.5}, "goes with pca only"),
     ],
 )
@@ -118,6 +132,32 @@ def test_more_than_there_is(cells: np.ndarray) -> None:
         LayerError, match="vary in 9 directions over the calibration images, fewer than the 10"
     ):
         fit([np.c_[cells[:, :9], cells[:, :9] @ np.ones(9)]], Reduction(10))
+    with pytest.raises(LayerError, match="vary in 0 directions over the calibration images, fewer than the 1"):
+        fit([np.ones((10, 4), np.float32)], Reduction(1))
+
+
+def test_a_direction_counts_from_a_millionth_of_the_largest_variance() -> None:
+    square = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
+    for ratio in (1.2e-6, 0.5):
+        found = fit([square * (1.0, ratio**0.5)], Reduction(2, whiten=0.0))
+        np.testing.assert_allclose(np.abs(found.matrix), np.eye(2), atol=1e-12)
+    with pytest.raises(LayerError, match="vary in 1 directions"):
+        fit([square * (1.0, 0.8e-6**0.5)], Reduction(2, whiten=0.0))
+
+
+def test_channels_may_be_asked_not_to_be_whitened() -> None:
+    assert Reduction(2, "channels", whiten=0.0).exponent == 0.0
+
+
+@pytest.mark.parametrize(
+    "reduction",
+    [Reduction(8, whiten=1 / 3), Reduction(8, whiten=0.0, separate=True), Reduction(8), Reduction(8, "channels")],
+)
+def test_the_options_say_the_same_reduction_to_the_last_digit(reduction: Reduction) -> None:
+    found = reduction_of(parser().parse_args(["--net", "vgg", *reduce_module.arguments(reduction)]))
+    assert found is not None
+    assert (found.dim, found.method, found.separate) == (reduction.dim, reduction.method, reduction.separate)
+    assert found.exponent == reduction.exponent
 
 
 MATRICES = np.random.default_rng(5)
@@ -337,3 +377,33 @@ def test_channels_that_do_not_vary_keep_nothing() -> None:
     found = fit([np.ones((10, 4), np.float32)], Reduction(2, "channels"))
     assert found.kept == 0.0
     np.testing.assert_array_equal(found.matrix, np.eye(4)[:, :2])
+
+
+def test_the_fit_is_to_the_map_at_the_working_scale(photographs: Path) -> None:
+    """The map of each photograph, halved by the mean of four pixels."""
+    model = build_saliency(nchw(("N", 3, "H", "W")), "pool1", ["relu2"])
+    net = build_saliency(nchw(("N", 3, "H", "W")), "pool1", ["relu2"], "x", Preprocessing("rgb", False))
+    images, reduction = calibration_set(photographs), Reduction(2)
+    found = fit_layers(net, ["relu2"], reduction, images, InputSpec(color="rgb", min_size=8), 0.5)["relu2"]
+    rows = []
+    for path in images.files:
+        halved = cv2.imread(str(path)).astype(np.float64).reshape(30, 2, 40, 2, 3).mean(axis=(1, 3))[:, :, ::-1]
+        pixels = halved.transpose(2, 0, 1)[None].astype(np.float32)
+        rows.append(outputs(model, pixels)["descriptors_relu2"].reshape(-1, 4))
+    cells = np.concatenate(rows).astype(np.float64)
+    np.testing.assert_allclose(found.mean, cells.mean(axis=0), rtol=1e-4)
+    variance = by_svd(cells, 4, 0.0)[0]
+    assert found.kept == pytest.approx(variance[:2].sum() / variance.sum(), rel=1e-4)
+    said = specs({"relu2": found}, reduction, images)["relu2"]
+    assert (said.method, said.source_dim, said.whiten, said.kept) == ("pca", 4, 0.75, found.kept)
+    assert (said.calibration, said.sha256) == (images.name, images.sha256)
+
+
+def test_a_map_that_is_not_finite_everywhere_is_refused(photographs: Path) -> None:
+    """A logarithm behind a ReLU is infinite where that is 0, and finite elsewhere."""
+    nodes, tensors = small_convolutions()
+    nodes.append(onnx.helper.make_node("Log", ["relu2"], ["log"], name="log"))
+    net = small_model(nodes, tensors, ("N", 3, "H", "W"), "log")
+    model = build_saliency(net, "pool1", ["log"], "x", Preprocessing("rgb", False))
+    with pytest.raises(LayerError, match="'log' gives values that are not finite; it can't be reduced"):
+        fit_layers(model, ["log"], Reduction(2), calibration_set(photographs), InputSpec(color="rgb"), 1.0)
