@@ -35,33 +35,37 @@ def resident():
     with open("/proc/self/status") as status:
         return next(int(line.split()[1]) / 1024 for line in status if line.startswith("VmRSS"))
 
-elf = ElfRuntime(threads=1, sizes=int(sys.argv[1]))
+elf = ElfRuntime(threads=1)
 rng = np.random.default_rng(0)
 found = []
 for more in (0, 1):
     for i in range(15):
         size = 128 + 16 * (7 * i % 15) + more
-        elf.detect(rng.integers(0, 256, (size, size, 3), np.uint8))
+        if sys.argv[1] == "own":
+            elf.warmup((size, size))
+        else:
+            elf.detect(rng.integers(0, 256, (size, size, 3), np.uint8))
         gc.collect()
         found.append(resident())
 print(json.dumps(found))
 """
 
 
-def resident_over_sizes(sizes: int) -> list[float]:
-    """MiB in use after each of 30 images of different sizes, in a fresh process."""
+def resident_over_sizes(session: str) -> list[float]:
+    """MiB in use after each of 30 images of different sizes, in a fresh process; "own" or "any" size's session."""
     env = {**os.environ, "PYTHONPATH": str(ROOT / "runtime")}
-    command = [sys.executable, "-c", MEMORY, str(sizes)]
+    command = [sys.executable, "-c", MEMORY, session]
     done = subprocess.run(command, env=env, capture_output=True, text=True, check=True)
     found: list[float] = json.loads(done.stdout)
     return found
 
 
 @pytest.mark.skipif(not STATUS.exists(), reason="reads resident memory from /proc")
-def test_memory_is_bounded_over_sizes() -> None:
-    found = resident_over_sizes(2)
-    # Were all sessions kept, the second half would add 200.
-    assert max(found[15:]) - max(found[:15]) < 60, [round(value) for value in found]
+@pytest.mark.parametrize("session", ["any", "own"])
+def test_memory_is_bounded_over_sizes(session: str) -> None:
+    found = resident_over_sizes(session)
+    # Were all sizes' sessions kept, the second half would add 44.
+    assert max(found[15:]) - max(found[:15]) < 20, [round(value) for value in found]
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3, 4])
@@ -95,6 +99,9 @@ def test_warmup_opens_the_session_that_detect_uses(
     assert opened == [{"N": 1, "H": working[0], "W": working[1]}]
     elf.detect(textured(120, 160), scale=scale)
     assert len(opened) == 1
+    elf.warmup((120, 160), preset="fast")
+    elf.detect(textured(120, 160), preset="fast")
+    assert opened[1:] == [{"N": 1, "H": 34, "W": 45}]
 
 
 def test_the_model_is_checked_once_and_opened_once_for_a_size(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,10 +125,65 @@ def test_a_batch_is_no_other_size(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(opened) == 2
     for found, wanted in zip(batch, alone, strict=True):
         np.testing.assert_allclose(found.keypoints, wanted.keypoints, atol=1e-3)
-    elf.detect(textured(48, 80))
+    elf.warmup((48, 80))
     assert len(elf._sessions) == 1
-    elf.detect_batch(images)
-    assert len(opened) == 5
+    for _ in range(2):
+        elf.detect_batch(images[:4])
+    elf.detect_batch(images[4:])
+    assert opened[3:] == [{}, {"H": 64, "W": 80}, {"N": 1, "H": 64, "W": 80}]
+
+
+def test_images_of_ever_new_sizes_share_one_session(monkeypatch: pytest.MonkeyPatch) -> None:
+    elf = ElfRuntime(TINY, threads=1)
+    opened = count_sessions(monkeypatch)
+    for side in range(64, 70):
+        elf.detect(textured(side, 80))
+    elf.detect_batch([textured(70, 80, seed) for seed in range(2)])
+    assert opened == [{"N": 1, "H": 64, "W": 80}, {}]
+    assert len(elf._sessions) == 2
+
+
+def test_a_size_that_comes_again_gets_its_session(monkeypatch: pytest.MonkeyPatch) -> None:
+    elf = ElfRuntime(TINY, threads=1, sizes=2)
+    opened = count_sessions(monkeypatch)
+    a, b, c = (textured(side, 80) for side in (64, 48, 56))
+    for image in (a, b, a, b, a, b):
+        elf.detect(image)
+    assert opened == [{"N": 1, "H": 64, "W": 80}, {}, {"N": 1, "H": 48, "W": 80}]
+    assert len(elf._sessions) == 2  # the one of any size has gone
+    del opened[:]
+    for image in (c, a, b) * 3:  # more than are kept: none is among the last two when it comes again
+        elf.detect(image)
+    assert opened == [{}]
+
+
+def test_warmup_opens_the_session_of_a_further_size_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    elf = ElfRuntime(TINY, threads=1)
+    opened = count_sessions(monkeypatch)
+    for side in (64, 48):
+        elf.warmup((side, 80))
+    elf.detect(textured(48, 80))
+    assert opened == [{"N": 1, "H": 64, "W": 80}, {"N": 1, "H": 48, "W": 80}]
+
+
+def test_other_providers_open_one_session_a_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sessions, "is_cpu", lambda _: False)
+    elf = ElfRuntime(TINY, threads=1)
+    opened = count_sessions(monkeypatch)
+    for side in (64, 48, 64, 48):
+        elf.detect(textured(side, 80))
+    assert opened == [{"N": 1, "H": 64, "W": 80}, {"N": 1, "H": 48, "W": 80}]
+
+
+def test_the_bundled_model_gives_the_same_bits_in_the_session_of_any_size() -> None:
+    elf, image = ElfRuntime(threads=1), textured(120, 160)
+    elf.detect(textured(96, 128))
+    any_size, own = elf.trace(image), elf.trace(image)
+    assert len(elf._sessions) == 2
+    assert len(own.features) > 20
+    np.testing.assert_array_equal(any_size.saliency, own.saliency)
+    np.testing.assert_array_equal(any_size.features.keypoints, own.features.keypoints)
+    np.testing.assert_array_equal(any_size.features.descriptors, own.features.descriptors)
 
 
 def test_the_sizes_used_last_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,15 +191,15 @@ def test_the_sizes_used_last_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     a, b, c = (textured(side, 80) for side in (64, 48, 56))
     opened = count_sessions(monkeypatch)
     for image in (a, b):
-        elf.detect(image)
+        elf.warmup(image.shape[:2])
         elf.detect_batch([image] * 2)
     elf.detect(a)  # now b is the one that was not used for longest
-    elf.detect(c)
+    elf.warmup(c.shape[:2])
     assert len(opened) == 5
     elf.detect(a)
     elf.detect_batch([a] * 3)
     assert len(opened) == 5
-    elf.detect(b)
+    elf.warmup(b.shape[:2])
     assert len(opened) == 6
 
 
@@ -146,9 +208,9 @@ def test_the_size_used_longest_ago_goes(monkeypatch: pytest.MonkeyPatch) -> None
     a, b, c = (textured(side, 80) for side in (64, 48, 56))
     opened = count_sessions(monkeypatch)
     for image in (a, b, c, b, c):
-        elf.detect(image)
+        elf.warmup(image.shape[:2])
     assert len(opened) == 3
-    elf.detect(a)
+    elf.warmup(a.shape[:2])
     assert len(opened) == 4
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -69,9 +69,11 @@ class ElfRuntime:
         Where a provider is not installed or does not start: warn and go on with the next (True), or raise.
     sizes : int
         For that many image sizes, the ones used last, a session of their own is kept, and a second one where images
-        come in batches too: ONNX Runtime is about a sixth faster when it knows the size.  Opening one takes some 20 to
-        100 ms.  0 opens none; right where nearly every image has another size.  A model in ORT format has one session
-        for all.
+        come in batches too: ONNX Runtime is up to a sixth faster in fp32 when it knows the size.  Opening one takes
+        some 20 to 100 ms.  On the CPU, a size gets it at once if it is the first or `warmup` names it, any other when
+        it comes again among the last `sizes` sizes; until then its images go through one session of any size, which
+        counts as one of the `sizes`, with the same result up to float32's rounding.  0 is that one session only.  A
+        model in ORT format has one session for all.
 
     Raises
     ------
@@ -80,7 +82,9 @@ class ElfRuntime:
     ContractError
         It is an ONNX model, but not an ELF model that this version can run.
     ProviderError
-        See `fallback`.
+        See `fallback`; or `providers`, `threads` or `spin` is of another kind.
+    SettingError
+        `sizes` is no integer >= 0.
 
     Attributes
     ----------
@@ -170,7 +174,7 @@ class ElfRuntime:
             Keypoints only where it is non-zero: at the pixel that a keypoint's x and y round to.
         preset : str, optional
             "fast", "default" (the model's own settings), "accurate", or the paper's: "paper", "paper-webcam",
-            "paper-robust", "paper-components".  Where to start from.
+            "paper-robust", "paper-components".  Where to start from.  Its scale is not for a model of one size only.
         scale : float
             Working scale: 0.5 lets the network see the image at half width and height.
         descriptor : str, optional
@@ -221,7 +225,7 @@ class ElfRuntime:
         self,
         batch: Sequence[ImageLike],
         *,
-        masks: Sequence[npt.ArrayLike | None] | None = None,
+        masks: Iterable[npt.ArrayLike | None] | None = None,
         preset: str | None = None,
         descriptor: str | None = None,
         batch_size: int = 4,
@@ -233,18 +237,20 @@ class ElfRuntime:
         ----------
         batch : sequence of images
             Sizes may differ.
-        masks : sequence of masks or None, one per image, optional
+        masks : iterable of masks or None, one per image, optional
         batch_size : int
             At most so many images at once: memory grows with it.
 
         Returns
         -------
-        list of Features, one per image, each the same as `detect` gives
+        list of Features, one per image, each the same as `detect` gives up to float32's rounding
         """
         if not is_int(batch_size) or batch_size < 1:
             raise SettingError(f"batch_size is an integer >= 1, not {batch_size!r}")
-        if masks is not None and len(masks) != len(batch):
-            raise ImageError(f"{len(masks)} masks for {len(batch)} images")
+        if masks is not None:
+            batch, masks = list(batch), list(masks)
+            if len(masks) != len(batch):
+                raise ImageError(f"{len(masks)} masks for {len(batch)} images")
         params = self.params(preset, **settings)
         spec = self.contract.descriptor(descriptor)
         results: list[Features] = []
@@ -273,15 +279,17 @@ class ElfRuntime:
             flush()
         return results
 
-    def saliency(self, image: ImageLike, scale: float | None = None) -> Array:
+    def saliency(self, image: ImageLike, scale: float | None = None, preset: str | None = None) -> Array:
         """The saliency map S(I) = |F^T dF/dI|, averaged over the image's channels.
+
+        `scale` and `preset`, whose scale it is otherwise, are those of `detect`.
 
         Returns
         -------
         (H, W) float32
             At the size of the source image (interpolated where the working scale is not 1); zero for a flat image.
         """
-        work = self._prepare(image, self.params(None, scale=scale), None)
+        work = self._prepare(image, self.params(preset, scale=scale), None)
         if not work.textured:
             return np.zeros(work.size, np.float32)
         found: Array = self._run(work.pixels[None], [])[0][0]
@@ -291,7 +299,12 @@ class ElfRuntime:
         return found
 
     def describe(
-        self, image: ImageLike, points: Any, descriptor: str | None = None, scale: float | None = None
+        self,
+        image: ImageLike,
+        points: Any,
+        descriptor: str | None = None,
+        scale: float | None = None,
+        preset: str | None = None,
     ) -> Array:
         """ELF's descriptors at anyone's keypoints.
 
@@ -299,6 +312,8 @@ class ElfRuntime:
         ----------
         points : (N, 2) array of (x, y) in source-image pixels, or a sequence of cv2.KeyPoint
             A point outside the image takes the descriptor of the nearest place inside.
+        descriptor, scale, preset : optional
+            As in `detect`; of the preset only its scale matters.
 
         Returns
         -------
@@ -309,37 +324,44 @@ class ElfRuntime:
         ImageError
             On points of another shape, or NaN or infinite ones.
         SettingError
-            If the model has no (such) descriptor.
+            If the model has no (such) descriptor, or on a scale or preset that `detect` refuses.
         """
         spec = self.contract.descriptor(descriptor)
         if spec is None:
             raise SettingError(f"{self._name}: exported with --desc none, it can't describe")
         where = as_points(points)
-        work = self._prepare(image, self.params(None, scale=scale), None)
+        work = self._prepare(image, self.params(preset, scale=scale), None)
         if len(where) == 0:
             return np.zeros((0, spec.dim), np.float32)
         maps = self._run(work.pixels[None], [spec], saliency=False)[1]
         return sample(maps[spec.output][0], work.to_working(where), spec.stride, spec.offset)
 
-    def warmup(self, size: tuple[int, int] = (480, 640), scale: float | None = None) -> None:
-        """Detect once on noise of (height, width) at a working scale, by default the model's.
+    def warmup(
+        self, size: tuple[int, int] = (480, 640), scale: float | None = None, preset: str | None = None
+    ) -> None:
+        """Detect once on noise of (height, width) at a working scale, by default the preset's, else the model's.
 
         The session of this size is open then: `detect` on the first real image pays no first-use costs.
 
         Raises
         ------
         SettingError
-            If `size` is not two positive integers.
+            If `size` is not two positive integers, or on a scale or preset that `detect` refuses.
         ImageError
             If it is below the model's smallest.
         """
         if not (isinstance(size, Sequence) and len(size) == 2 and all(is_int(side) and side > 0 for side in size)):
             raise SettingError(f"a size is (height, width) in pixels, not {size!r}")
         noise = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
-        self.detect(noise, scale=scale)
+        spec = self.contract.descriptor()
+        pixels = self._prepare(noise, self.params(preset, scale=scale), None).pixels
+        self._sessions.get(self._outputs([spec] if spec else []), (1, *pixels.shape[:2]), expected=True)
+        self.detect(noise, preset=preset, scale=scale)
 
     def params(self, name: str | None = None, **settings: Any) -> DetectionParams:
         """The settings that a call with this preset and these changes uses.
+
+        A preset's scale is not for a model that takes one size only: there it is 1.
 
         Raises
         ------
@@ -347,6 +369,8 @@ class ElfRuntime:
             On an unknown preset or setting, or a value out of range.
         """
         base = self.contract.detection if name in (None, "default") else preset(name, self.contract.network)
+        if self.contract.input.is_fixed:
+            base = base.updated(scale=1.0)
         return base.updated(**settings)
 
     def _prepare(
@@ -363,10 +387,13 @@ class ElfRuntime:
         with watch("prepare"), images.named(image, place):
             return prepared(array, params, mask, self.contract.input, self._name)
 
+    def _outputs(self, specs: Sequence[DescriptorSpec], saliency: bool = True) -> list[str]:
+        return ([self.contract.saliency_output] if saliency else []) + [spec.output for spec in specs]
+
     def _run(
         self, pixels: Array, specs: Sequence[DescriptorSpec], saliency: bool = True
     ) -> tuple[Array, Mapping[str, Array]]:
-        names = ([self.contract.saliency_output] if saliency else []) + [spec.output for spec in specs]
+        names = self._outputs(specs, saliency)
         session = self._sessions.get(names, pixels.shape[:3])
         try:
             values = session.run(names, {self.contract.input.name: pixels})

@@ -13,13 +13,16 @@ from .session import is_cpu, open_session
 from .subgraph import with_outputs
 
 Shape = tuple[int, ...]
+_Key = tuple[frozenset[str], Shape | None, bool]  # outputs, size (None is any), whether of an image alone
 
 
 class Sessions:
     """ONNX Runtime computes every output of a graph, asked for or not, and fuses more where it knows the image's size.
 
     So there is a session for each set of outputs, and of those one for each of the image sizes used last, and a second
-    one where images of that size come in batches.  A model in ORT format can be neither cut nor given a size: one
+    one where images of that size come in batches.  A size that comes once is not worth one: it runs in a session of any
+    size, which counts as one of the sizes.  The first size of all is expected again, and so is every size on other
+    providers than the CPU, which may compile at length.  A model in ORT format can be neither cut nor given a size: one
     session serves all.
 
     Parameters
@@ -49,7 +52,7 @@ class Sessions:
         self._model, self._name, self._options = model, name, options
         self._divisible = not is_ort_format(model)
         self._sizes = sizes if self._divisible else 0
-        # A session to check the model only, where each size gets its own; another provider has to show that it starts.
+        # A session to check the model only, where sizes get their own; another provider has to show that it starts.
         provisional = self._sizes > 0 and is_cpu(options["providers"])
         session, _ = open_session(model, **options, optimize=not provisional, name=name)
         self.providers: list[str] = list(session.get_providers())
@@ -57,37 +60,50 @@ class Sessions:
         self.inputs, self.outputs = session.get_inputs(), session.get_outputs()
         self._all = frozenset(tensor.name for tensor in self.outputs)
         self._dims = [dim if isinstance(dim, str) else None for dim in self.inputs[0].shape[:3]]
-        # By outputs, size and whether of an image alone; the least recently used first.
-        self._open: dict[tuple[frozenset[str], Shape | None, bool], ort.InferenceSession] = {}
+        self._at_once = self._sizes > 0 and not provisional
+        # The least recently used first.
+        self._open: dict[_Key, ort.InferenceSession] = {}
         if not provisional:
             self._open[self._all, None, False] = session
+        self._last: dict[frozenset[str], list[Shape]] = {}  # by outputs, the sizes that came last
         self._opening = threading.Lock()
 
     def __len__(self) -> int:
         return len(self._open)
 
-    def get(self, outputs: Sequence[str], shape: Shape) -> ort.InferenceSession:
-        """A session that computes these outputs and no other; where sizes are kept, for this size (N, h, w) alone.
+    def get(self, outputs: Sequence[str], shape: Shape, expected: bool = False) -> ort.InferenceSession:
+        """A session that computes these outputs and no other, for images (N, h, w).
 
-        An image alone has a session of its own too, which fuses more; in all others of that size the batch is free.
+        It is for this size alone where the size came before among the last `sizes`, or is `expected` to come again.  An
+        image alone has a session of its own too, which fuses more; in all others of that size the batch is free.
         """
         wanted = frozenset(outputs) if self._divisible else self._all
         alone, size = shape[0] == 1, shape[1:]
-        key = (wanted, size, alone) if self._sizes else (wanted, None, False)
         with self._opening:
+            key: _Key = (wanted, None, False)
+            if self._sizes:
+                own: _Key = (wanted, size, alone)
+                again = self._comes_again(wanted, size)
+                key = own if again or expected or self._at_once or own in self._open else key
             session = self._open.pop(key, None)
             if session is None:
-                fixed = zip(self._dims, shape, (alone, True, True), strict=True) if self._sizes else ()
+                fixed = zip(self._dims, shape, (alone, True, True), strict=True) if key[1] else ()
                 dims = {name: side for name, side, known in fixed if name and known}
                 part = self._model if wanted == self._all else with_outputs(self._model, outputs, self._name)
                 session = open_session(part, **self._options, dims=dims, name=self._name)[0]
-                self._make_room(wanted, size)
+                self._make_room(wanted, key[1])
             self._open[key] = session
             return session
 
-    def _make_room(self, wanted: frozenset[str], size: Shape) -> None:
-        """Drop, of the sessions for the same outputs, those of sizes used longest ago; and the one of any size."""
-        if self._sizes:
+    def _comes_again(self, wanted: frozenset[str], size: Shape) -> bool:
+        """Whether a size is the first for these outputs or among the last ones, which it joins."""
+        last = self._last.get(wanted, [])
+        self._last[wanted] = [*(other for other in last if other != size), size][-self._sizes :]
+        return not last or size in last
+
+    def _make_room(self, wanted: frozenset[str], size: Shape | None) -> None:
+        """Drop, of the sessions for the same outputs, those of sizes used longest ago; and the start's of any size."""
+        if self._at_once:
             self._open.pop((self._all, None, False), None)
         mine = [key for key in self._open if key[0] == wanted]
         others = list(dict.fromkeys(key[1] for key in reversed(mine) if key[1] != size))
