@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -22,6 +23,7 @@ from elf_runtime import (
     ProviderError,
     SettingError,
     match,
+    preset,
 )
 from elf_runtime.refine import parabola_peaks
 from elf_runtime.work import prepared
@@ -221,6 +223,30 @@ def test_presets_change_the_settings(elf: ElfRuntime, image: np.ndarray) -> None
         elf.detect(image, radius=3)
     with pytest.raises(SettingError, match="threshold"):
         elf.detect(image, threshold="otsu")
+    with pytest.raises(SettingError, match=r"unknown preset \['fast'\]"):
+        elf.detect(image, preset=["fast"])  # type: ignore[arg-type]
+
+
+def test_a_preset_s_scale_is_the_same_for_every_call(elf: ElfRuntime, image: np.ndarray) -> None:
+    found = elf.detect(image, preset="fast")
+    assert len(found) > 1
+    assert np.allclose(elf.describe(image, found.keypoints, preset="fast"), found.descriptors, atol=1e-5)
+    assert not np.allclose(elf.describe(image, found.keypoints), found.descriptors, atol=1e-2)
+    np.testing.assert_array_equal(elf.saliency(image, preset="fast"), elf.saliency(image, scale=0.28))
+    for call in (elf.saliency, lambda image, preset: elf.describe(image, [[5, 5]], preset=preset)):
+        with pytest.raises(SettingError, match="unknown preset 'fastest'"):
+            call(image, preset="fastest")
+
+
+def test_a_preset_s_scale_is_not_for_a_model_of_one_size(monkeypatch: pytest.MonkeyPatch, image: np.ndarray) -> None:
+    elf = ElfRuntime(TINY, threads=1)
+    spec = replace(elf.contract.input, height=60, width=80)
+    monkeypatch.setattr(elf, "contract", replace(elf.contract, input=spec))
+    for name in ("fast", "accurate"):
+        assert elf.trace(image, preset=name).saliency.shape == (60, 80)
+        assert elf.params(name) == preset(name).updated(scale=1.0)
+        with pytest.raises(SettingError, match=r"80x60 \(width x height\) only.*scale 0.28 can't be chosen"):
+            elf.detect(image, preset=name, scale=0.28)
 
 
 def test_batches_equal_single_images(elf: ElfRuntime) -> None:
@@ -237,6 +263,8 @@ def test_batches_equal_single_images(elf: ElfRuntime) -> None:
             elf.detect_batch(images, batch_size=count)  # type: ignore[arg-type]
     with pytest.raises(ImageError, match="masks"):
         elf.detect_batch(images, masks=[None])
+    for f, other in zip(elf.detect_batch(images, masks=iter(masks), border=4), batch, strict=True):
+        assert same(f, other, 1e-3)
 
 
 def test_describe_equals_detect_at_its_keypoints(elf: ElfRuntime, image: np.ndarray) -> None:
@@ -328,6 +356,7 @@ def test_warmup_and_trace(elf: ElfRuntime, image: np.ndarray) -> None:
         (np.full((64, 64, 3), np.inf, np.float32), "infinite"),
         (np.zeros((64, 64), np.int64), "not int64"),
         ("missing.png", "missing.png"),
+        ("a\0b.png", "a\0b.png: embedded null byte"),
     ],
 )
 def test_images_that_are_refused(elf: ElfRuntime, image: object, error: str) -> None:
@@ -424,6 +453,10 @@ def test_providers() -> None:
     for threads in (0, -1, 1.5, True):
         with pytest.raises(ProviderError, match="threads"):
             ElfRuntime(TINY, threads=threads)  # type: ignore[arg-type]
+    assert len(ElfRuntime(TINY, threads=np.int64(2)).detect(textured(64, 80)))  # type: ignore[arg-type]
+    for spin in ("yes", 1, 0):
+        with pytest.raises(ProviderError, match=f"spin is None, True or False, not {spin!r}"):
+            ElfRuntime(TINY, spin=spin)  # type: ignore[arg-type]
 
 
 def test_a_provider_that_is_not_installed() -> None:

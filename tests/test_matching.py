@@ -104,5 +104,16 @@ def test_what_cannot_be_compared() -> None:
     for ratio in (0.0, 1.0, -0.5, 1.5, float("nan")):
         with pytest.raises(SettingError, match="ratio"):
             match(unit(3, 16, 0), unit(3, 16, 0), ratio=ratio)
+    with pytest.raises(SettingError, match=r"ratio is a number in .*, not '0.9'"):
+        match(unit(3, 16, 0), unit(3, 16, 0), ratio="0.9")  # type: ignore[arg-type]
+    odd = unit(3, 16, 0)
+    for value in (np.nan, np.inf):
+        odd[1, 2] = value
+        with pytest.raises(SettingError, match="some descriptors of the first side are NaN or infinite"):
+            match(odd, unit(3, 16, 0))
+        with pytest.raises(SettingError, match="some descriptors of the second side are NaN or infinite"):
+            match(unit(3, 16, 0), odd)
+    with pytest.raises(SettingError, match="the second side is Features or an"):
+        match(unit(3, 16, 0), "b")  # type: ignore[arg-type]
     with pytest.raises(SettingError, match="no descriptors"):
         match(np.zeros((2, 0), np.float32), np.zeros((2, 0), np.float32))

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .contract import InputSpec
-from .errors import ImageError
+from .errors import ImageError, reason
 
 Array = npt.NDArray[np.float32]
 ImageLike = npt.NDArray[Any] | str | os.PathLike[str]
@@ -47,8 +47,8 @@ def read(image: ImageLike, *, ignore_exif: bool = False) -> npt.NDArray[Any]:
     path = os.fspath(image)
     try:
         data = np.fromfile(path, np.uint8)
-    except OSError as error:
-        raise ImageError(f"{path}: {error.strerror or error}") from error
+    except (OSError, ValueError) as error:
+        raise ImageError(f"{path}: {reason(error)}") from error
     flags = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH | (cv2.IMREAD_IGNORE_ORIENTATION if ignore_exif else 0)
     try:
         pixels = cv2.imdecode(data, flags) if data.size else None

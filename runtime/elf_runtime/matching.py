@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from .errors import SettingError
 from .features import Features
+from .params import is_number
 
 Array = npt.NDArray[np.float32]
 Index = npt.NDArray[np.int64]
@@ -37,11 +38,10 @@ def match(
     Raises
     ------
     SettingError
-        If the dimensions differ, or `ratio` is out of range.
+        If the dimensions differ, descriptors are NaN, infinite or no numbers, or `ratio` is out of range.
     """
-    a = first.descriptors if isinstance(first, Features) else np.asarray(first, np.float32)
-    b = second.descriptors if isinstance(second, Features) else np.asarray(second, np.float32)
-    if ratio is not None and not 0.0 < ratio < 1.0:
+    a, b = _rows(first, "first"), _rows(second, "second")
+    if ratio is not None and not (is_number(ratio) and 0.0 < ratio < 1.0):
         raise SettingError(f"ratio is a number in (0, 1), not {ratio!r}")
     if a.ndim != 2 or b.ndim != 2 or a.shape[1] != b.shape[1]:
         raise SettingError(f"descriptors of shapes {a.shape} and {b.shape} can't be compared")
@@ -56,6 +56,17 @@ def match(
         squared = np.maximum(2.0 - 2.0 * two.astype(np.float64), 0.0)
         keep &= squared[:, 1] < ratio * ratio * squared[:, 0]
     return np.stack([index[keep], to_b[keep]], axis=1)
+
+
+def _rows(side: Features | npt.ArrayLike, name: str) -> Array:
+    """The descriptors of one side of a match, all finite."""
+    try:
+        rows = side.descriptors if isinstance(side, Features) else np.asarray(side, np.float32)
+    except (TypeError, ValueError) as error:
+        raise SettingError(f"the {name} side is Features or an (N, D) array of descriptors: {error}") from error
+    if not np.isfinite(rows).all():
+        raise SettingError(f"some descriptors of the {name} side are NaN or infinite")
+    return rows
 
 
 def _nearest(a: Array, b: Array, second: bool) -> tuple[Index, Index, Array | None]:

@@ -63,23 +63,23 @@ class DetectionParams:
     def __post_init__(self) -> None:
         for name in ("denoise", "threshold_blur"):
             blur = getattr(self, name)
-            ok = isinstance(blur, (tuple, list)) and len(blur) == 2 and is_int(blur[0]) and _is_number(blur[1])
+            ok = isinstance(blur, (tuple, list)) and len(blur) == 2 and is_int(blur[0]) and is_number(blur[1])
             if not ok or blur[0] < 1 or blur[0] % 2 == 0 or not 0 < blur[1] < float("inf"):
                 raise SettingError(f"{name} is (mu, sigma) with mu odd and >= 1 and sigma > 0, not {blur!r}")
             object.__setattr__(self, name, (int(blur[0]), float(blur[1])))
         if isinstance(self.threshold, str):
             if self.threshold not in ("kapur", "none"):
                 raise SettingError(f"threshold is 'kapur', 'none' or a number in [0, 1], not {self.threshold!r}")
-        elif not _is_number(self.threshold) or not 0.0 <= self.threshold <= 1.0:
+        elif not is_number(self.threshold) or not 0.0 <= self.threshold <= 1.0:
             raise SettingError(f"threshold is 'kapur', 'none' or a number in [0, 1], not {self.threshold!r}")
         for name, least in (("nms_radius", 0), ("border", 0), ("max_keypoints", 0)):
             value = getattr(self, name)
             if not is_int(value) or value < least:
                 raise SettingError(f"{name} is an integer >= {least}, not {value!r}")
             object.__setattr__(self, name, int(value))
-        if not _is_number(self.scale) or not 0.0 < self.scale <= 8.0:
+        if not is_number(self.scale) or not 0.0 < self.scale <= 8.0:
             raise SettingError(f"scale is a number in (0, 8], not {self.scale!r}")
-        if not _is_number(self.normalize) or not 0.0 < self.normalize <= 1.0:
+        if not is_number(self.normalize) or not 0.0 < self.normalize <= 1.0:
             raise SettingError(f"normalize is a quantile in (0, 1], not {self.normalize!r}")
         for name in ("threshold", "scale", "normalize"):
             value = getattr(self, name)
@@ -117,7 +117,8 @@ def is_int(value: object) -> bool:
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
-def _is_number(value: object) -> bool:
+def is_number(value: object) -> bool:
+    """Whether it is an integer as `is_int` says, or a float, of Python or of numpy."""
     return is_int(value) or isinstance(value, (float, np.floating))
 
 
@@ -158,7 +159,7 @@ def preset(name: str, network: str = "vgg") -> DetectionParams:
     SettingError
         If there is no such preset.
     """
-    if name in _OURS:
+    if isinstance(name, str) and name in _OURS:
         return _OURS[name]
     params = _PAPER_BY_NETWORK.get(network, _PAPER)
     if name == "paper":

@@ -12,6 +12,7 @@ from typing import Any
 import onnxruntime as ort
 
 from .errors import ModelError, ProviderError
+from .params import is_int
 
 Provider = str | tuple[str, Mapping[str, Any]]
 
@@ -144,15 +145,18 @@ def open_session(
     ModelError
         If the file is missing, empty, or not a valid ONNX model.
     ProviderError
-        As `resolve_providers`; also if a provider is installed but does not start, unless `fallback`.
+        As `resolve_providers`; also if a provider is installed but does not start, unless `fallback`, and on `threads`
+        or `spin` of another kind.
     """
-    if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
+    if threads is not None and (not is_int(threads) or threads < 1):
         raise ProviderError(f"threads is an integer >= 1, not {threads!r}")
+    if spin is not None and not isinstance(spin, bool):
+        raise ProviderError(f"spin is None, True or False, not {spin!r}")
     chosen = resolve_providers(providers, fallback)
     options = ort.SessionOptions()
     options.log_severity_level = 3
     if threads is not None:
-        options.intra_op_num_threads = threads
+        options.intra_op_num_threads = int(threads)
     options.add_session_config_entry("session.intra_op.allow_spinning", "0" if spin is False else "1")
     options.add_session_config_entry("session.force_spinning_stop", "0" if spin else "1")
     for dim, size in (dims or {}).items():
