@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import onnx
@@ -11,10 +11,12 @@ from onnx import helper
 
 from elf_runtime.session import open_session
 
+from .errors import ExportError
 from .graph import Graph, attributes
 from .passes import cut
 
 PROBE = 512  # pixels of height and width; divisible by every usual stride
+COUNTED = frozenset({"Conv", "ConvTranspose", "MatMul", "Gemm"})
 
 
 def macs_per_pixel(model: onnx.ModelProto, outputs: Sequence[str]) -> float:
@@ -24,23 +26,66 @@ def macs_per_pixel(model: onnx.ModelProto, outputs: Sequence[str]) -> float:
     """
     needed = cut(model, outputs)
     height, width = fix_sizes(needed, needed.graph.input[0].name, "NHWC")
-    return sum(macs(needed)) / (height * width)
+    return sum(macs(Graph(needed))) / (height * width)
 
 
-def macs(model: onnx.ModelProto) -> list[float]:
-    """Multiply-adds of each node of a model whose input has a static size.
+def macs(graph: Graph) -> list[float]:
+    """Multiply-adds of each node of a graph whose input has a static size.
+
+    Raises
+    ------
+    ExportError
+        As `sizes_of`, of the counted nodes' inputs and outputs.
+    """
+    sizes = sizes_of(graph, counted_values(graph.nodes))
+    return [node_macs(sizes, node) for node in graph.nodes]
+
+
+def counted_values(nodes: Iterable[onnx.NodeProto]) -> list[str]:
+    """The inputs and outputs of the nodes that `node_macs` counts."""
+    return [
+        name for node in nodes if node.op_type in COUNTED for name in (*node.input, *node.output) if name
+    ]
+
+
+def sizes_of(graph: Graph, names: Sequence[str]) -> dict[str, list[int]]:
+    """The sizes of tensors, in a graph whose input has a static size.
 
     What shape inference does not tell, a run of the model on zeros does.
+
+    Raises
+    ------
+    ExportError
+        If that is needed and the model does not run.
     """
-    graph = Graph(model)
-    counted = [node.output[0] for node in graph.nodes if node.op_type in ("Conv", "MatMul", "Gemm")]
-    unknown = [name for name in counted if any(not isinstance(dim, int) for dim in graph.shape(name) or [None])]
-    if unknown:
-        sizes = _measured(graph, unknown)
-        for name, dims in sizes.items():
-            graph.model.graph.value_info.append(helper.make_tensor_value_info(name, graph.elem_type(name), dims))
-        graph = Graph(graph.model)
-    return [node_macs(graph, node) for node in graph.nodes]
+    sizes = _inferred(graph, names)
+    unknown = [name for name in dict.fromkeys(names) if name not in sizes]
+    return sizes | _measured(graph, unknown) if unknown else sizes
+
+
+def sizes_where_known(graph: Graph) -> dict[str, list[int]]:
+    """As `sizes_of`, of all values; those that only a run would tell are left out where the model does not run."""
+    names = [
+        name
+        for name in (*(v.name for v in graph.model.graph.input), *(n for node in graph.nodes for n in node.output))
+        if name
+    ]
+    names += [name for name in counted_values(graph.nodes) if graph.is_constant(name)]
+    try:
+        return sizes_of(graph, names)
+    except ExportError:
+        return _inferred(graph, names)
+
+
+def _inferred(graph: Graph, names: Iterable[str]) -> dict[str, list[int]]:
+    """The sizes that shape inference tells."""
+    known: dict[str, list[int]] = {}
+    for name in names:
+        shape = graph.shape(name)
+        sizes = [dim for dim in shape or [] if isinstance(dim, int)]
+        if shape is not None and len(sizes) == len(shape):
+            known[name] = sizes
+    return known
 
 
 def _measured(graph: Graph, names: Sequence[str]) -> dict[str, list[int]]:
@@ -51,9 +96,13 @@ def _measured(graph: Graph, names: Sequence[str]) -> dict[str, list[int]]:
     probe.model.graph.output.extend(
         helper.make_tensor_value_info(name, onnx.TensorProto.INT64, [None]) for name in outputs
     )
-    session, _ = open_session(probe.model.SerializeToString())
-    (source,) = session.get_inputs()
-    found = session.run(outputs, {source.name: np.zeros(source.shape, np.float32)})
+    try:
+        session, _ = open_session(cut(probe.model, outputs).SerializeToString())
+        zeros = {source.name: np.zeros(source.shape, np.float32) for source in session.get_inputs()}
+        found = session.run(outputs, zeros)
+    except Exception as error:  # onnxruntime's own exceptions share no base of theirs
+        reason = str(error).strip().splitlines()[0][:300]
+        raise ExportError(f"the model does not run on an image of zeros: {reason}") from error
     return {name: [int(size) for size in dims] for name, dims in zip(names, found, strict=True)}
 
 
@@ -77,18 +126,14 @@ def parameters(model: onnx.ModelProto) -> int:
     return sum(math.prod(t.dims) for t in model.graph.initializer)
 
 
-def node_macs(graph: Graph, node: onnx.NodeProto) -> float:
-    """Multiply-adds of one node, of a graph whose sizes are static."""
-
-    def dims(name: str) -> list[int]:
-        return [d if isinstance(d, int) else 1 for d in graph.shape(name) or []]
-
+def node_macs(sizes: Mapping[str, Sequence[int]], node: onnx.NodeProto) -> float:
+    """Multiply-adds of one node; `sizes` are those of its inputs and outputs."""
     if node.op_type == "Conv":
-        return math.prod(dims(node.output[0])) * math.prod(dims(node.input[1])[1:])
+        return math.prod(sizes[node.output[0]]) * math.prod(sizes[node.input[1]][1:])
     if node.op_type == "ConvTranspose":
-        return math.prod(dims(node.input[0])) * math.prod(dims(node.input[1])[1:])
+        return math.prod(sizes[node.input[0]]) * math.prod(sizes[node.input[1]][1:])
     if node.op_type == "MatMul":
-        return math.prod(dims(node.output[0])) * dims(node.input[0])[-1]
+        return math.prod(sizes[node.output[0]]) * sizes[node.input[0]][-1]
     if node.op_type == "Gemm":
-        return math.prod(dims(node.output[0])) * dims(node.input[0])[0 if attributes(node).get("transA") else -1]
+        return math.prod(sizes[node.output[0]]) * sizes[node.input[0]][0 if attributes(node).get("transA") else -1]
     return 0

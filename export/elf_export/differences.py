@@ -15,7 +15,7 @@ import onnx
 
 from elf_runtime.session import open_session
 
-from .cost import node_macs
+from .cost import macs
 from .directional import FLOAT32, FLOAT64, Arithmetic, Array, Array64, Direction, Forward, along, grainy
 from .errors import VerificationError
 from .float64 import float64_forward
@@ -133,7 +133,7 @@ def _arithmetic(
     lower = in_float32, _in_float32(gradient, GRADIENT, its_image), FLOAT32
     height, width = sizes.near(*FLOAT64.sizes[0])
     static = Graph(with_sizes(forward, image, Sizes(height, width, 1)))
-    if sum(node_macs(static, node) for node in static.nodes) > AFFORDABLE:
+    if sum(macs(static)) > AFFORDABLE:
         return lower
     shape = [{"N": 1, "C": image.channels, "H": height, "W": width}[axis] for axis in image.layout]
     x = np.random.default_rng(0).standard_normal(shape).astype(np.float32).astype(np.float64)

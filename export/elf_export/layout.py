@@ -8,12 +8,6 @@ from .graph import Dim, Graph
 
 COLOR_CHANNELS = (1, 3)
 
-WINDOWED = frozenset({
-    "Conv", "ConvTranspose", "MaxPool", "AveragePool", "LpPool", "GlobalAveragePool", "GlobalMaxPool",
-    "BatchNormalization", "InstanceNormalization", "LRN", "DepthToSpace", "SpaceToDepth",
-})  # fmt: skip
-TAKES_APART = frozenset({"Reshape", "MatMul", "Gemm", "Shape", "Gather", "Einsum", "Squeeze", "Unsqueeze"})
-
 
 def image_layout(graph: Graph, name: str) -> str:
     """ "NCHW" or "NHWC" of an input of rank 4, told as `find_image_input` does."""
@@ -56,27 +50,3 @@ def _layout_by_use(graph: Graph, name: str) -> tuple[str, int]:
 def static_size(dim: Dim) -> int | None:
     """A stated size; Paddle writes -1 for a free one."""
     return dim if isinstance(dim, int) and dim > 0 else None
-
-
-def axes_of(graph: Graph, image: str, layout: str) -> dict[str, str]:
-    """The layout, "NCHW" or another order, of every value that is a map of the image.
-
-    Starts from the image and follows Transposes; a convolution or a pool makes NCHW.  A value that an op
-    like Reshape or MatMul has taken apart is left out.
-    """
-    found = {image: layout}
-    for node in graph.nodes:
-        sources = [found[name] for name in node.input if name in found]
-        if not sources or not node.output or graph.rank(node.output[0]) != 4:
-            continue
-        if node.op_type in WINDOWED:
-            axes = "NCHW"
-        elif node.op_type == "Transpose":
-            perm = next((list(a.ints) for a in node.attribute if a.name == "perm"), [3, 2, 1, 0])
-            axes = "".join(sources[0][i] for i in perm)
-        elif node.op_type in TAKES_APART:
-            continue
-        else:
-            axes = sources[0]
-        found.update((name, axes) for name in node.output if name)
-    return found

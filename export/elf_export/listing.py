@@ -9,10 +9,11 @@ import numpy as np
 import onnx
 
 from .adjoint import unsupported_behind
-from .cost import fix_sizes, node_macs
+from .axes import axes_of
+from .cost import counted_values, fix_sizes, node_macs, sizes_where_known
 from .forward import NETWORK_INPUT, torch_to_onnx
 from .graph import Graph
-from .layout import axes_of, image_layout
+from .layout import image_layout
 from .networks import Network
 from .passes import fold_constants
 from .receptive_field import receptive_fields
@@ -46,11 +47,12 @@ def layer_table(model: onnx.ModelProto, image: str, layers: Sequence[str] | None
     height, width = fix_sizes(fixed, image, layout)
     graph = Graph(fixed)
     fields = receptive_fields(graph.model, image)
-    axes = axes_of(graph, image, layout)
+    sizes = sizes_where_known(graph)
+    axes = axes_of(graph, image, layout, sizes)
     blocked = _blocked(graph, image)
-    shown = list(layers) if layers is not None else _candidates(graph, axes)
-    macs = _forward_macs(graph, shown)
-    most = max(macs.values(), default=0.0) or 1.0
+    shown = list(layers) if layers is not None else _candidates(graph, axes, sizes)
+    macs = _forward_macs(graph, shown, sizes)
+    most = max((cost for cost in macs.values() if math.isfinite(cost)), default=0.0) or 1.0
     widest = max([len("layer"), *(len(layer) for layer in shown)])
     rows = [
         f"shapes and arithmetic at {width}x{height} pixels",
@@ -59,32 +61,31 @@ def layer_table(model: onnx.ModelProto, image: str, layers: Sequence[str] | None
     ]
     ops = {name: node.op_type for node in graph.nodes for name in node.output}
     for layer in shown:
-        shape, field = graph.shape(layer) or [], fields[layer]
-        sizes = dict(zip(axes.get(layer, "NCHW"), shape, strict=False))
+        field, known = fields[layer], _sizes(layer, axes, sizes)
         seen = f"{field.size:g} px" if math.isfinite(field.size) else "the image"
-        channels, cells = _text(sizes, "C"), f"{_text(sizes, 'W')}x{_text(sizes, 'H')}"
+        channels, across, down = (known.get(axis, "?") for axis in "CWH")
+        share = f"{macs[layer] / most:.1%}" if math.isfinite(macs[layer]) else "?"
         row = (
-            f"{layer:<{widest}}  {ops[layer]:<18}{channels:>9}{cells:>10}{field.stride:>8g}{seen:>17}"
-            f"{macs[layer] / most:>20.1%}"
+            f"{layer:<{widest}}  {ops[layer]:<18}{channels:>9}{f'{across}x{down}':>10}{field.stride:>8g}{seen:>17}"
+            f"{share:>20}"
         )
         rows.append(row + (f"  no gradient through {blocked[layer]}" if layer in blocked else ""))
     return "\n".join(rows)
 
 
-def _text(sizes: Mapping[str, object], axis: str) -> str:
-    size = sizes.get(axis)
-    return str(size) if isinstance(size, int) else "?"
+def _sizes(layer: str, axes: Mapping[str, str], sizes: Mapping[str, Sequence[int]]) -> dict[str, int]:
+    return dict(zip(axes.get(layer, "NCHW"), sizes.get(layer, ()), strict=False))
 
 
-def _candidates(graph: Graph, axes: Mapping[str, str]) -> list[str]:
+def _candidates(graph: Graph, axes: Mapping[str, str], sizes: Mapping[str, Sequence[int]]) -> list[str]:
     """Maps of more than one cell, but for the ends of NO_LAYERS."""
     found = []
     for node in graph.nodes:
         name = node.output[0] if node.output else ""
         if name not in axes or node.op_type in NO_LAYERS or graph.dtype(name).kind != "f":
             continue
-        sizes = dict(zip(axes[name], graph.shape(name) or [], strict=False))
-        if (sizes.get("H"), sizes.get("W")) != (1, 1):
+        known = _sizes(name, axes, sizes)
+        if (known.get("H"), known.get("W")) != (1, 1):
             found.append(name)
     return found
 
@@ -107,9 +108,13 @@ def _blocked(graph: Graph, image: str) -> dict[str, str]:
     return blocked
 
 
-def _forward_macs(graph: Graph, layers: Sequence[str]) -> dict[str, float]:
-    """Multiply-adds of all that each layer needs."""
-    costs = [node_macs(graph, node) for node in graph.nodes]
+def _forward_macs(
+    graph: Graph, layers: Sequence[str], sizes: Mapping[str, Sequence[int]]
+) -> dict[str, float]:
+    """Multiply-adds of all that each layer needs; NaN where a size is not known."""
+    costs = [
+        node_macs(sizes, node) if sizes.keys() >= set(counted_values([node])) else math.nan for node in graph.nodes
+    ]
     # A set of nodes as the bits of an integer: a value needs its maker's bit and those of the maker's inputs.
     needs: dict[str, int] = {}
     for i, node in enumerate(graph.nodes):

@@ -11,10 +11,11 @@ from onnx import helper
 
 from .adjoint import adjoint_parts, joining
 from .adjoint.gradient import Part
-from .cost import fix_sizes
+from .axes import axes_of
+from .cost import fix_sizes, sizes_where_known
 from .errors import ExportError, LayerError
 from .graph import Graph
-from .layout import axes_of, image_layout
+from .layout import image_layout
 from .passes import (
     compose_convs,
     cut,
@@ -97,7 +98,7 @@ def build_saliency(
     layout = image_layout(graph, image)
     joining.mean_magnitude(graph, gradient, layout.index("C"), SALIENCY)
     outputs = [helper.make_tensor_value_info(SALIENCY, graph.elem_type(image), ["N", "H", "W"])]
-    outputs += _descriptor_outputs(graph, descriptors, names, axes_of(graph, image, layout))
+    outputs += _descriptor_outputs(graph, descriptors, names, image, layout)
     whole, smallest = _with_outputs(graph, outputs), onnx.ModelProto()
     smallest.CopyFrom(whole)
     if graph.rank(image) == len(layout):
@@ -182,13 +183,21 @@ def _seed_value(graph: Graph, layer: str, seed: Seed, ours: Collection[str]) -> 
 
 
 def _descriptor_outputs(
-    graph: Graph, descriptors: Sequence[str], names: Mapping[str, str], axes: Mapping[str, str]
+    graph: Graph, descriptors: Sequence[str], names: Mapping[str, str], image: str, layout: str
 ) -> list[onnx.ValueInfoProto]:
     """Append what turns each descriptor layer into (N, h, w, D), and describe the outputs.
 
     `names` are the layers' names in the graph where they have others there.
     """
     outputs: list[onnx.ValueInfoProto] = []
+    if not descriptors:
+        return outputs
+    trunk = cut(graph.model, [names.get(name, name) for name in descriptors])
+    if graph.rank(image) == len(layout):
+        fix_sizes(trunk, image, layout)
+    probe = Graph(trunk)
+    sizes = sizes_where_known(probe)
+    axes = axes_of(probe, image, layout, sizes)
     for name in descriptors:
         source = names.get(name, name)
         if source not in axes:
@@ -202,7 +211,7 @@ def _descriptor_outputs(
                 f"two descriptor layers would both be the output {out!r}; export them one by one"
             )
         perm = [axes[source].index(a) for a in "NHWC"]
-        dim = (graph.shape(source) or [None] * 4)[perm[3]]
+        dim = sizes[source][perm[3]] if source in sizes else None
         graph.op("Transpose", source, name=f"descriptors/{name}", outputs=[out], perm=perm)
         dims = ["N", f"h_{name}", f"w_{name}", dim]
         outputs.append(helper.make_tensor_value_info(out, graph.elem_type(source), dims))

@@ -121,3 +121,21 @@ def pyramid() -> onnx.ModelProto:
         "scales": np.array([1, 1, 2, 2], np.float32),
     }
     return model(nodes, tensors, (1, 3, 64, 64), "y")
+
+
+def convnext() -> onnx.ModelProto:
+    """A stem of 4x4 pixels and a block of depthwise 7x7, two linear layers channels last and a residual, as y."""
+    nodes = [
+        helper.make_node("Conv", ["x", "w1"], ["stem"], name="stem", strides=[4, 4]),
+        helper.make_node("Conv", ["stem", "w2"], ["wide"], name="wide", pads=[3] * 4, group=8),
+        helper.make_node("Transpose", ["wide"], ["last"], name="last", perm=[0, 2, 3, 1]),
+        helper.make_node("MatMul", ["last", "w3"], ["more"], name="more"),
+        helper.make_node("Sigmoid", ["more"], ["gate"], name="gate"),
+        helper.make_node("Mul", ["more", "gate"], ["silu"], name="silu"),
+        helper.make_node("MatMul", ["silu", "w4"], ["fewer"], name="fewer"),
+        helper.make_node("Transpose", ["fewer"], ["first"], name="first", perm=[0, 3, 1, 2]),
+        helper.make_node("Add", ["stem", "first"], ["y"], name="y"),
+    ]
+    shapes = {"w1": (8, 3, 4, 4), "w2": (8, 1, 7, 7), "w3": (8, 16), "w4": (16, 8)}
+    tensors = {name: weights(*shape, seed=i) for i, (name, shape) in enumerate(shapes.items())}
+    return model(nodes, tensors, ("N", 3, "H", "W"), "y")
