@@ -34,6 +34,7 @@ SAME_MAP = 5e-3
 # Of max |g|, float32's gradient against float64's: the median and 99 % of the pixels.  Where a ReLU switches
 # between the two, g differs over its whole receptive field, which for a deep layer is the image.
 ROUNDING, SWITCHED = 1e-2, 0.2
+CONSTANT = 1e-3  # of ||F||^2, see `require_dependence`
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,11 @@ def check(
     -------
     Agreement
         Over two images of two sizes, one odd where the model takes it.
+
+    Raises
+    ------
+    VerificationError
+        If the layer has no gradient, or one of rounding only, as `require_dependence`.
     """
     differentiate = _in_float32(gradient, GRADIENT, gradient.graph.input[0].name)
     whole, _ = open_session(saliency.SerializeToString())
@@ -104,6 +110,7 @@ def check(
         g, g_exact = differentiate(x), exactly(x)
         if not g.any():
             raise VerificationError(f"{layer!r} has no gradient on a natural image: it is zero everywhere")
+        require_dependence(layer, evaluate(x), g_exact, x)
         found = whole.run([SALIENCY], {IMAGE: pixels})[0]
         wanted = np.abs(g).mean(axis=image.layout.index("C"))
         map_errors.append(float(np.median(np.abs(found - wanted)) / wanted.max()))
@@ -112,6 +119,28 @@ def check(
         directions += along(evaluate, x, g_exact, f"{size[1]}x{size[0]}", arithmetic, seed)
     rounding, switched = (max(values) for values in zip(*roundings, strict=True))
     return Agreement(arithmetic, tuple(directions), max(map_errors), rounding, switched)
+
+
+def require_dependence(layer: str, f: Array64, g: Array64, x: Array64) -> None:
+    """Raise VerificationError where 1/2 ||F||^2 hardly depends on the image: F is normalised.
+
+    Every value of the image is moved by a standard deviation of the image, to the side that raises 1/2 ||F||^2; by
+    its derivative this adds sum |g| std(x), which must be at least CONSTANT ||F||^2.  For a network of convolutions
+    and ReLUs without biases it is about once ||F||^2 or more.  Layers of networks give 0.1 to 50 times ||F||^2, a
+    convolution whose bias outweighs its image by far 0.01.  What a LayerNorm or an InstanceNorm leaves, by its
+    epsilon, is 2e-4, and an L2 normalisation rounding alone.
+
+    Parameters
+    ----------
+    f, g, x : F, the gradient of 1/2 ||F||^2, and the image
+    """
+    change = float(np.abs(g).sum() * x.std() / (f * f).sum())
+    if change < CONSTANT:
+        raise VerificationError(
+            f"{layer!r} can't give keypoints: it is normalised, so that ||F||^2 hardly depends on the image (a "
+            f"standard deviation of the image changes it by {change:.1g} of itself); take the layer before the "
+            "normalisation"
+        )
 
 
 def _in_float32(model: onnx.ModelProto, output: str, image: str) -> Forward:
