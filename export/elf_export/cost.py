@@ -43,9 +43,7 @@ def macs(graph: Graph) -> list[float]:
 
 def counted_values(nodes: Iterable[onnx.NodeProto]) -> list[str]:
     """The inputs and outputs of the nodes that `node_macs` counts."""
-    return [
-        name for node in nodes if node.op_type in COUNTED for name in (*node.input, *node.output) if name
-    ]
+    return [name for node in nodes if node.op_type in COUNTED for name in (*node.input, *node.output) if name]
 
 
 def sizes_of(graph: Graph, names: Sequence[str]) -> dict[str, list[int]]:
@@ -67,7 +65,10 @@ def sizes_where_known(graph: Graph) -> dict[str, list[int]]:
     """As `sizes_of`, of all values; those that only a run would tell are left out where the model does not run."""
     names = [
         name
-        for name in (*(v.name for v in graph.model.graph.input), *(n for node in graph.nodes for n in node.output))
+        for name in (
+            *(v.name for v in graph.model.graph.input),
+            *(n for node in graph.nodes for n in node.output),
+        )
         if name
     ]
     names += [name for name in counted_values(graph.nodes) if graph.is_constant(name)]
@@ -135,5 +136,8 @@ def node_macs(sizes: Mapping[str, Sequence[int]], node: onnx.NodeProto) -> float
     if node.op_type == "MatMul":
         return math.prod(sizes[node.output[0]]) * sizes[node.input[0]][-1]
     if node.op_type == "Gemm":
-        return math.prod(sizes[node.output[0]]) * sizes[node.input[0]][0 if attributes(node).get("transA") else -1]
+        return (
+            math.prod(sizes[node.output[0]])
+            * sizes[node.input[0]][0 if attributes(node).get("transA") else -1]
+        )
     return 0

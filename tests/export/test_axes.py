@@ -14,17 +14,21 @@ from elf_export.graph import Graph
 from elf_export.listing import layer_table
 from export import small_models as small
 
-SIZE = 64  # of the image: with cells of 16 pixels, 16 tokens; an attention map is as large as a map of stride 4
+SIZE = 64  # of the image; cells of 16 pixels are 16 tokens, whose attention map looks like one of stride 4
 
 
-def letters(nodes: small.Nodes, tensors: dict[str, np.ndarray], output: str, layout: str = "NCHW") -> dict[str, str]:
+def letters(
+    nodes: small.Nodes, tensors: dict[str, np.ndarray], output: str, layout: str = "NCHW"
+) -> dict[str, str]:
     shape = [{"N": 1, "C": 3, "H": SIZE, "W": SIZE}[axis] for axis in layout]
     graph = Graph(small.model(nodes, tensors, shape, output))
     return axes_of(graph, "x", layout, sizes_where_known(graph))
 
 
 def reshape(source: str, output: str, *sizes: int) -> tuple[onnx.NodeProto, dict[str, np.ndarray]]:
-    return helper.make_node("Reshape", [source, f"{output}/to"], [output]), {f"{output}/to": np.array(sizes, np.int64)}
+    return helper.make_node("Reshape", [source, f"{output}/to"], [output]), {
+        f"{output}/to": np.array(sizes, np.int64)
+    }
 
 
 def chain(*steps: tuple[onnx.NodeProto, dict[str, np.ndarray]] | onnx.NodeProto) -> tuple[small.Nodes, dict]:
@@ -117,7 +121,10 @@ def test_a_class_token_comes_and_goes() -> None:
     nodes = chain(
         patches(),
         reshape("map", "flat", 1, 8, 16),
-        (helper.make_node("Concat", ["class", "flat"], ["more"], axis=2), {"class": np.ones((1, 8, 1), np.float32)}),
+        (
+            helper.make_node("Concat", ["class", "flat"], ["more"], axis=2),
+            {"class": np.ones((1, 8, 1), np.float32)},
+        ),
         (
             helper.make_node("Slice", ["more", "begin", "end", "axis"], ["less"]),
             {"begin": np.array([1]), "end": np.array([17]), "axis": np.array([2])},
@@ -164,7 +171,9 @@ def test_a_squeeze_and_excitation_gate_leaves_the_map_what_it_is() -> None:
 
 
 def test_the_sum_of_a_map_and_its_transpose_is_none() -> None:
-    nodes = chain(patches(), transpose("map", "turned", 0, 1, 3, 2), helper.make_node("Add", ["map", "turned"], ["y"]))
+    nodes = chain(
+        patches(), transpose("map", "turned", 0, 1, 3, 2), helper.make_node("Add", ["map", "turned"], ["y"])
+    )
     found = letters(*nodes, "y")
     assert found["turned"] == "NCWH"
     assert "y" not in found

@@ -29,7 +29,11 @@ def of_unknown_size(nodes: small.Nodes, tensors: dict[str, np.ndarray], output: 
     [
         (helper.make_node("MatMul", ["hidden", "w"], ["y"]), (4, 7), 3 * 64 * 4 * 7),
         (helper.make_node("Conv", ["hidden", "w"], ["y"], pads=[1] * 4), (5, 3, 3, 3), 64 * 4 * 5 * 27),
-        (helper.make_node("ConvTranspose", ["hidden", "w"], ["y"], strides=[2, 2]), (3, 5, 2, 2), 64 * 4 * 3 * 20),
+        (
+            helper.make_node("ConvTranspose", ["hidden", "w"], ["y"], strides=[2, 2]),
+            (3, 5, 2, 2),
+            64 * 4 * 3 * 20,
+        ),
     ],
     ids=["MatMul", "Conv", "ConvTranspose"],
 )
