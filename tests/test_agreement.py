@@ -87,7 +87,7 @@ class Shifted:
     def __getattr__(self, name: str) -> Any:
         return getattr(self.session, name)
 
-    def run(self, names: Sequence[str], feeds: dict[str, Any]) -> list[Any]:
+    def run(self, names: Sequence[str], feeds: dict[str, Any], options: Any) -> list[Any]:
         return [np.roll(value, self.rows, axis=1) for value in self.session.run(names, feeds)]
 
 

@@ -200,6 +200,13 @@ def test_subfolders_are_looked_into_where_that_is_asked_for(
     assert "in this folder or below it\n" in capsys.readouterr().err
 
 
+def test_hidden_files_of_a_folder_are_no_images(tmp_path: Path) -> None:
+    shown = write(tmp_path / ".home" / "in" / "1.png")
+    for hidden in ("._1.png", ".cache/2.png", "x/.3.png"):
+        write(shown.parent / hidden)
+    assert image_files([str(shown.parent)], recursive=True) == image_files([str(shown.parent)]) == [shown]
+
+
 @pytest.mark.parametrize(
     ("paths", "names"),
     [
@@ -208,8 +215,10 @@ def test_subfolders_are_looked_into_where_that_is_asked_for(
         (["a/1.png", "a/1.jpg"], ["1_png", "1_jpg"]),
         (["a/1.png", "A/1.PNG"], None),
         (["a/1.png", "b/1.png", "c/a_1.png"], None),
-        (["p/a/1.png", "q/a/1.png"], None),
+        (["p/a/1.png", "q/a/1.png"], ["p_a_1", "q_a_1"]),
+        (["p/a/1.png", "q/a/1.png", "q/a/1.jpg"], ["p_a_1", "1_png", "1_jpg"]),
         (["p/a/1.png", "q/a/1.png", "r/1_2.png", "r/1_3.png"], None),
+        (["p/a/1.png", "P/a/1.PNG", "r/1_2.png"], None),
     ],
 )
 def test_every_image_has_an_output_of_its_own(paths: list[str], names: list[str] | None) -> None:

@@ -162,7 +162,8 @@ def test_the_metadata_is_json() -> None:
     "changes",
     [
         {"denoise": (4, 1.0)}, {"denoise": (0, 1.0)}, {"denoise": (5, 0.0)}, {"denoise": 5}, {"denoise": (-3, 1.0)},
-        {"denoise": (3, float("inf"))}, {"denoise": (3, float("nan"))}, {"threshold_blur": (-3, 1.0)},
+        {"denoise": (1001, 1.0)}, {"denoise": (3, float("inf"))}, {"denoise": (3, float("nan"))},
+        {"threshold_blur": (-3, 1.0)},
         {"threshold": "otsu"}, {"threshold": 1.5}, {"threshold": float("nan")}, {"nms_radius": -1}, {"nms_radius": 2.5},
         {"border": True}, {"max_keypoints": -1}, {"scale": 0}, {"scale": 100}, {"scale": "half"},
         {"normalize": 0.0}, {"quantize": 1}, {"colour": "red"},

@@ -68,6 +68,67 @@ def test_memory_is_bounded_over_sizes(session: str) -> None:
     assert max(found[15:]) - max(found[:15]) < 20, [round(value) for value in found]
 
 
+OUTLIER = """
+import json
+import numpy as np
+from elf_runtime import ElfRuntime
+
+def status(key):
+    with open("/proc/self/status") as file:
+        return next(int(line.split()[1]) / 1024 for line in file if line.startswith(key))
+
+elf = ElfRuntime(threads=1)
+rng = np.random.default_rng(0)
+found = []
+for height, width in ((200, 240), (201, 240), (1400, 1200), (202, 240), (203, 240), (204, 240), (204, 240), (204, 240)):
+    elf.detect(rng.integers(0, 256, (height, width, 3), np.uint8))
+    found.append(status("VmRSS"))
+print(json.dumps([found, status("VmHWM")]))
+"""
+
+
+@pytest.mark.skipif(not STATUS.exists(), reason="reads resident memory from /proc")
+def test_memory_of_one_large_image_among_small_ones_is_given_back() -> None:
+    env = {**os.environ, "PYTHONPATH": str(ROOT / "runtime")}
+    done = subprocess.run([sys.executable, "-c", OUTLIER], env=env, capture_output=True, text=True, check=True)
+    found, peak = json.loads(done.stdout)
+    assert peak - found[1] > 120
+    assert max(found[3:]) - found[1] < 45, [round(value) for value in found]
+
+
+class Runs:
+    """A session that remembers what it was run on, and whether its memory was given back after that."""
+
+    def __init__(self, session: ort.InferenceSession, found: list[tuple[int, int, bool]]) -> None:
+        self.session, self.found = session, found
+
+    def run(self, names: Any, feeds: dict[str, Any], options: Any) -> Any:
+        (pixels,) = feeds.values()
+        self.found.append((*pixels.shape[1:3], options is not None))
+        return self.session.run(names, feeds, options)
+
+
+def test_memory_is_given_back_where_sizes_differ_much_and_not_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    elf, found = ElfRuntime(TINY, threads=1, sizes=0), list[tuple[int, int, bool]]()
+    real = elf._sessions.get
+
+    def spy(*args: Any, **options: Any) -> Any:
+        session, run_options = real(*args, **options)
+        return Runs(session, found), run_options
+
+    monkeypatch.setattr(elf._sessions, "get", spy)
+    sides = [
+        (64, False), (80, False), (130, True), (64, False), (72, False), (90, False), (91, False), (60, True),
+        (80, False),
+    ]  # fmt: skip
+    for side, _ in sides:
+        elf.detect(textured(side, side))
+    assert found == [(side, side, shrinks) for side, shrinks in sides]
+    monkeypatch.setattr(elf._sessions, "_is_cpu", False)
+    elf.detect(textured(200, 200))
+    assert found[-1] == (200, 200, False)
+
+
 @pytest.mark.parametrize("threads", [1, 2, 3, 4])
 def test_threads_do_not_move_a_keypoint(threads: int) -> None:
     found = compare(ElfRuntime(threads=None), ElfRuntime(threads=threads), pattern(120, 160))

@@ -186,11 +186,34 @@ def test_colmap_s_text_files_hold_the_keypoints_and_the_matches(photos: dict[Pat
     assert [list(map(int, line.split())) for line in lines] == match(a, b).tolist()
 
 
-def test_colmap_s_list_of_matches_has_no_names_with_spaces(tmp_path: Path) -> None:
-    cv2.imwrite(str(tmp_path / "a b.jpg"), PICTURE)
-    done = converted("to_colmap.py", tmp_path, tmp_path / "out")
+@pytest.mark.parametrize("script", ["to_colmap.py", "to_hloc.py"])
+@pytest.mark.parametrize(
+    ("files", "message"),
+    [
+        (["z.jpg", "a b.jpg"], "a b.jpg: "),
+        ([], "{folder}: no .jpg, .jpeg or .png file in this folder or below it"),
+    ],
+)
+def test_folders_that_neither_script_takes(script: str, files: list[str], message: str, tmp_path: Path) -> None:
+    if script == "to_hloc.py":
+        pytest.importorskip("h5py")
+    (tmp_path / "in").mkdir()
+    for name in files:
+        cv2.imwrite(str(tmp_path / "in" / name), PICTURE)
+    done = converted(script, tmp_path / "in", tmp_path / "out")
     assert (done.returncode, done.stderr.count("\n")) == (1, 1)
-    assert done.stderr.startswith("a b.jpg: ")
+    assert done.stderr.startswith(message.format(folder=tmp_path / "in"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_hloc_has_one_name_for_files_that_differ_by_a_slash(tmp_path: Path) -> None:
+    pytest.importorskip("h5py")
+    (tmp_path / "in" / "a").mkdir(parents=True)
+    for name in ("a/c.jpg", "a-c.jpg"):
+        cv2.imwrite(str(tmp_path / "in" / name), PICTURE)
+    done = converted("to_hloc.py", tmp_path / "in", tmp_path / "out")
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert done.stderr.startswith("a-c.jpg: hloc writes / as -")
     assert not (tmp_path / "out").exists()
 
 

@@ -115,5 +115,10 @@ def test_what_cannot_be_compared() -> None:
             match(unit(3, 16, 0), odd)
     with pytest.raises(SettingError, match="the second side is Features or an"):
         match(unit(3, 16, 0), "b")  # type: ignore[arg-type]
+    for other in (None, unit(3, 16, 0).astype(object), unit(3, 16, 0) * 1j):
+        with pytest.raises(SettingError, match=r"the first side is Features or an .* of (object|complex)"):
+            match(other, unit(3, 16, 0))  # type: ignore[arg-type]
+    with pytest.raises(SettingError, match="infinite"):
+        match(np.full((1, 16), 1e300), unit(3, 16, 0))
     with pytest.raises(SettingError, match="no descriptors"):
         match(np.zeros((2, 0), np.float32), np.zeros((2, 0), np.float32))

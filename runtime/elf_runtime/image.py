@@ -29,7 +29,7 @@ def read(image: ImageLike, *, ignore_exif: bool = False) -> npt.NDArray[Any]:
     ignore_exif : bool
         A file's pixels as they are stored, which is what COLMAP and homographies between files go by.  By default
         they are turned the way that its EXIF orientation says, as by `cv2.imread`: one of 640x427 with orientation 6
-        is read as 427x640, and its keypoints are in that frame.
+        is read as 427x640, and its keypoints are in that frame.  OpenCV turns TIFF files in any case.
 
     Returns
     -------

@@ -61,9 +61,13 @@ def match(
 def _rows(side: Features | npt.ArrayLike, name: str) -> Array:
     """The descriptors of one side of a match, all finite."""
     try:
-        rows = side.descriptors if isinstance(side, Features) else np.asarray(side, np.float32)
+        rows = np.asarray(side.descriptors if isinstance(side, Features) else side)
     except (TypeError, ValueError) as error:
         raise SettingError(f"the {name} side is Features or an (N, D) array of descriptors: {error}") from error
+    if rows.dtype.kind not in "fiu":
+        raise SettingError(f"the {name} side is Features or an (N, D) array of descriptors, not of {rows.dtype}")
+    with np.errstate(over="ignore"):
+        rows = rows.astype(np.float32, copy=False)
     if not np.isfinite(rows).all():
         raise SettingError(f"some descriptors of the {name} side are NaN or infinite")
     return rows

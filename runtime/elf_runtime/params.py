@@ -18,6 +18,9 @@ from .errors import SettingError
 Blur = tuple[int, float]
 
 
+WIDEST_BLUR = 999  # pixels; wider ones leave nothing of an image
+
+
 @dataclass(frozen=True)
 class DetectionParams:
     """Settings of threshold, denoising and non-maximum suppression.
@@ -64,8 +67,10 @@ class DetectionParams:
         for name in ("denoise", "threshold_blur"):
             blur = getattr(self, name)
             ok = isinstance(blur, (tuple, list)) and len(blur) == 2 and is_int(blur[0]) and is_number(blur[1])
-            if not ok or blur[0] < 1 or blur[0] % 2 == 0 or not 0 < blur[1] < float("inf"):
-                raise SettingError(f"{name} is (mu, sigma) with mu odd and >= 1 and sigma > 0, not {blur!r}")
+            if not ok or not 1 <= blur[0] <= WIDEST_BLUR or blur[0] % 2 == 0 or not 0 < blur[1] < float("inf"):
+                raise SettingError(
+                    f"{name} is (mu, sigma) with mu odd, 1 to {WIDEST_BLUR}, and sigma > 0, not {blur!r}"
+                )
             object.__setattr__(self, name, (int(blur[0]), float(blur[1])))
         if isinstance(self.threshold, str):
             if self.threshold not in ("kapur", "none"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -14,6 +15,8 @@ from .subgraph import with_outputs
 
 Shape = tuple[int, ...]
 _Key = tuple[frozenset[str], Shape | None, bool]  # outputs, size (None is any), whether of an image alone
+
+MUCH_LARGER = 2  # times the pixels: an image whose memory is not worth keeping for others
 
 
 class Sessions:
@@ -53,7 +56,8 @@ class Sessions:
         self._divisible = not is_ort_format(model)
         self._sizes = sizes if self._divisible else 0
         # A session to check the model only, where sizes get their own; another provider has to show that it starts.
-        provisional = self._sizes > 0 and is_cpu(options["providers"])
+        self._is_cpu = is_cpu(options["providers"])
+        provisional = self._sizes > 0 and self._is_cpu
         session, _ = open_session(model, **options, optimize=not provisional, name=name)
         self.providers: list[str] = list(session.get_providers())
         self.metadata: Mapping[str, str] = session.get_modelmeta().custom_metadata_map
@@ -66,16 +70,22 @@ class Sessions:
         if not provisional:
             self._open[self._all, None, False] = session
         self._last: dict[frozenset[str], list[Shape]] = {}  # by outputs, the sizes that came last
+        # Of a session of any size: the pixels of its last image, and those that the memory it keeps is enough for.
+        self._pixels: dict[_Key, tuple[int, int]] = {}
         self._opening = threading.Lock()
 
     def __len__(self) -> int:
         return len(self._open)
 
-    def get(self, outputs: Sequence[str], shape: Shape, expected: bool = False) -> ort.InferenceSession:
-        """A session that computes these outputs and no other, for images (N, h, w).
+    def get(
+        self, outputs: Sequence[str], shape: Shape, expected: bool = False
+    ) -> tuple[ort.InferenceSession, ort.RunOptions | None]:
+        """A session that computes these outputs and no other, for images (N, h, w), and the options to run it with.
 
         It is for this size alone where the size came before among the last `sizes`, or is `expected` to come again.  An
-        image alone has a session of its own too, which fuses more; in all others of that size the batch is free.
+        image alone has a session of its own too, which fuses more; in all others of that size the batch is free.  A
+        session of any size gives its memory back after an image much larger than the last, or much smaller than one
+        before.
         """
         wanted = frozenset(outputs) if self._divisible else self._all
         alone, size = shape[0] == 1, shape[1:]
@@ -93,7 +103,17 @@ class Sessions:
                 session = open_session(part, **self._options, dims=dims, name=self._name)[0]
                 self._make_room(wanted, key[1])
             self._open[key] = session
-            return session
+            return session, None if key[1] else self._shrinking(key, math.prod(shape))
+
+    def _shrinking(self, key: _Key, pixels: int) -> ort.RunOptions | None:
+        last, kept = self._pixels.get(key, (pixels, 0))
+        shrinks = self._is_cpu and (kept > MUCH_LARGER * pixels or pixels > MUCH_LARGER * last)
+        self._pixels[key] = pixels, 0 if shrinks else max(pixels, kept)
+        if not shrinks:
+            return None
+        options = ort.RunOptions()
+        options.add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")
+        return options
 
     def _comes_again(self, wanted: frozenset[str], size: Shape) -> bool:
         """Whether a size is the first for these outputs or among the last ones, which it joins."""
@@ -110,3 +130,4 @@ class Sessions:
         for key in mine:
             if key[1] in others[max(0, self._sizes - 1) :]:
                 del self._open[key]
+                self._pixels.pop(key, None)

@@ -125,7 +125,7 @@ def add_exif_option(parser: argparse.ArgumentParser) -> None:
         "--ignore-exif",
         action="store_true",
         help="take images as they are stored, as COLMAP does; by default they are turned as their EXIF orientation "
-        "says, and keypoints are in the turned image",
+        "says, and keypoints are in the turned image (OpenCV turns TIFF files in any case)",
     )
 
 

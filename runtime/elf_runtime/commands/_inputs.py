@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import glob
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from ._common import IMAGE_SUFFIXES, UsageError
@@ -17,7 +17,7 @@ def image_files(arguments: Sequence[str], recursive: bool = False) -> list[Path]
     ----------
     arguments : sequence of str
     recursive : bool
-        Whether a folder's subfolders count.
+        Whether a folder's subfolders count, links to folders not; hidden files and folders never do.
 
     A file that is named stays in the list even if it does not exist: its error belongs to it alone.
 
@@ -31,7 +31,8 @@ def image_files(arguments: Sequence[str], recursive: bool = False) -> list[Path]
         path = Path(argument)
         if path.is_dir():
             entries = path.rglob("*") if recursive else path.iterdir()
-            inside = sorted(p for p in entries if p.suffix.lower() in IMAGE_SUFFIXES and p.is_file())
+            shown = (p for p in entries if not any(part.startswith(".") for part in p.relative_to(path).parts))
+            inside = sorted(p for p in shown if p.suffix.lower() in IMAGE_SUFFIXES and p.is_file())
             if not inside:
                 place = " or below it" if recursive else "; --recursive looks below it too"
                 raise UsageError(
@@ -86,18 +87,20 @@ def check_pictures(arguments: Sequence[str], paths: Sequence[Path], output: Path
 def output_names(paths: Sequence[Path]) -> list[str]:
     """A name for each file's output: its stem, and as much more as tells it from the others.
 
-    ``a/1.png`` and ``b/1.png`` become ``a_1`` and ``b_1``; ``1.png`` and ``1.jpg`` of one folder become
-    ``1_png`` and ``1_jpg``.  Names that differ in case only count as equal, as some file systems have it.
+    ``a/1.png`` and ``b/1.png`` become ``a_1`` and ``b_1``, ``a/x/1.png`` and ``b/x/1.png`` ``a_x_1`` and ``b_x_1``;
+    ``1.png`` and ``1.jpg`` of one folder become ``1_png`` and ``1_jpg``.  Names that differ in case only count as
+    equal, as some file systems have it.
     """
-    tiers: list[Callable[[Path], str]] = [
-        lambda p: p.stem,
-        lambda p: f"{p.resolve().parent.name}_{p.stem}",
-        lambda p: f"{p.stem}_{p.suffix[1:]}",
-        lambda p: f"{p.resolve().parent.name}_{p.stem}_{p.suffix[1:]}",
-    ]
+    folders = [path.parent.relative_to(path.anchor).parts for path in map(Path.resolve, paths)]
+    depths = range(max(map(len, folders), default=0) + 1)
+    tiers = [(depth, suffix) for suffix in (False, True) for depth in depths]
     names: dict[int, str] = {}
-    for tier in tiers:
-        rest = {i: tier(path) for i, path in enumerate(paths) if i not in names}
+    for depth, suffix in tiers:
+        rest = {
+            i: "_".join([*folders[i][len(folders[i]) - depth :], path.stem, *([path.suffix[1:]] if suffix else [])])
+            for i, path in enumerate(paths)
+            if i not in names and depth <= len(folders[i])
+        }
         counts = Counter(name.lower() for name in (*rest.values(), *names.values()))
         names |= {i: name for i, name in rest.items() if counts[name.lower()] == 1}
     taken = {name.lower() for name in names.values()}

@@ -89,7 +89,7 @@ def _work(args: argparse.Namespace) -> int:
         try:
             result = _detect(elf, path, args.output / name, mask, args)
         except (ElfError, OSError) as error:
-            text = str(error) if str(path) in str(error) else f"{path}: {error}"
+            text = str(error) if str(error).startswith(f"{path}:") else f"{path}: {error}"
             _common.report("elf-detect", text)
             results.append({"image": str(path), "error": text})
             continue
