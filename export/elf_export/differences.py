@@ -34,7 +34,7 @@ SAME_MAP = 5e-3
 # Of max |g|, float32's gradient against float64's: the median and 99 % of the pixels.  Where a ReLU switches
 # between the two, g differs over its whole receptive field, which for a deep layer is the image.
 ROUNDING, SWITCHED = 1e-2, 0.2
-CONSTANT = 1e-3  # of ||F||^2, see `require_dependence`
+CONSTANT, HARDLY = 1e-9, 1e-3  # of ||F||^2, see `require_dependence`
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,7 @@ class Agreement:
     ----------
     map_error : median |S - mean |g|| / max S, the file's S against the gradient as float32 gives it
     rounding, switched : median and 99th percentile of float32's gradient against float64's, over max |g|
+    dependence : what a standard deviation of the image changes ||F||^2 by, of itself, as `require_dependence` says
     """
 
     arithmetic: Arithmetic
@@ -52,6 +53,7 @@ class Agreement:
     map_error: float
     rounding: float = 0.0
     switched: float = 0.0
+    dependence: float = np.inf
 
     @property
     def typical(self) -> float:
@@ -96,39 +98,58 @@ def check(
     Raises
     ------
     VerificationError
-        If the layer has no gradient, or one of rounding only, as `require_dependence`.
+        If the layer or its gradient is not finite there, or beside the images; if it has no gradient, or one of
+        rounding only, as `require_dependence`.
     """
     differentiate = _in_float32(gradient, GRADIENT, gradient.graph.input[0].name)
     whole, _ = open_session(saliency.SerializeToString())
     evaluate, exactly, arithmetic = _arithmetic(forward, gradient, layer, image, sizes)
     directions: list[Direction] = []
     map_errors: list[float] = []
+    dependences: list[float] = []
     roundings: list[tuple[float, float]] = []
     for seed, size in enumerate(dict.fromkeys(sizes.near(*size) for size in arithmetic.sizes)):
         pixels = grainy(*size, preprocessing.channels, seed)[None]
         x = preprocess(pixels, preprocessing, layout=image.layout).astype(np.float32).astype(np.float64)
-        g, g_exact = differentiate(x), exactly(x)
+        f, g, g_exact = evaluate(x), differentiate(x), exactly(x)
+        require_finite(layer, f, g, g_exact)
         if not g.any():
             raise VerificationError(f"{layer!r} has no gradient on a natural image: it is zero everywhere")
-        require_dependence(layer, evaluate(x), g_exact, x)
+        dependences.append(require_dependence(layer, f, g_exact, x))
         found = whole.run([SALIENCY], {IMAGE: pixels})[0]
         wanted = np.abs(g).mean(axis=image.layout.index("C"))
         map_errors.append(float(np.median(np.abs(found - wanted)) / wanted.max()))
         low, high = np.percentile(np.abs(g - g_exact) / np.abs(g_exact).max(), (50, 99))
         roundings.append((float(low), float(high)))
-        directions += along(evaluate, x, g_exact, f"{size[1]}x{size[0]}", arithmetic, seed)
+        found_here = along(evaluate, x, g_exact, f"{size[1]}x{size[0]}", arithmetic, seed)
+        if not np.isfinite([d.measured for d in found_here]).all():
+            raise VerificationError(
+                f"{layer!r} is NaN or infinite close to a natural image, so that its gradient can't be checked; "
+                "choose another layer, or other preprocessing"
+            )
+        directions += found_here
     rounding, switched = (max(values) for values in zip(*roundings, strict=True))
-    return Agreement(arithmetic, tuple(directions), max(map_errors), rounding, switched)
+    return Agreement(arithmetic, tuple(directions), max(map_errors), rounding, switched, min(dependences))
 
 
-def require_dependence(layer: str, f: Array64, g: Array64, x: Array64) -> None:
-    """Raise VerificationError where 1/2 ||F||^2 hardly depends on the image: F is normalised.
+def require_finite(layer: str, f: Array64, *gradients: Array64) -> None:
+    """Raise VerificationError where F or its gradient is NaN or infinite."""
+    for what, values in ((repr(layer), [f]), (f"the gradient of {layer!r}", gradients)):
+        if not all(np.isfinite(value).all() for value in values):
+            raise VerificationError(
+                f"{what} is NaN or infinite on a natural image; choose another layer, or other preprocessing"
+            )
+
+
+def require_dependence(layer: str, f: Array64, g: Array64, x: Array64) -> float:
+    """How much 1/2 ||F||^2 depends on the image; raises VerificationError where it does by rounding only.
 
     Every value of the image is moved by a standard deviation of the image, to the side that raises 1/2 ||F||^2; by
-    its derivative this adds sum |g| std(x), which must be at least CONSTANT ||F||^2.  For a network of convolutions
-    and ReLUs without biases it is about once ||F||^2 or more.  Layers of networks give 0.1 to 50 times ||F||^2, a
-    convolution whose bias outweighs its image by far 0.01.  What a LayerNorm or an InstanceNorm leaves, by its
-    epsilon, is 2e-4, and an L2 normalisation rounding alone.
+    its derivative this adds sum |g| std(x), of which the share of ||F||^2 is returned.  For a network of convolutions
+    and ReLUs without biases it is about once ||F||^2 or more; layers of networks give 0.1 to 50 times.  Below HARDLY
+    lies what a LayerNorm or an InstanceNorm leaves, by its epsilon (2e-4), but also a layer whose constant outweighs
+    the image: their gradient is one that differences can check, if they have digits enough.  An L2 normalisation leaves float64's rounding,
+    4e-16, which CONSTANT lies well above.
 
     Parameters
     ----------
@@ -141,6 +162,7 @@ def require_dependence(layer: str, f: Array64, g: Array64, x: Array64) -> None:
             f"standard deviation of the image changes it by {change:.1g} of itself); take the layer before the "
             "normalisation"
         )
+    return change
 
 
 def _in_float32(model: onnx.ModelProto, output: str, image: str) -> Forward:
@@ -205,6 +227,11 @@ def table(agreement: Agreement) -> str:
         rows.append(
             f"float32's gradient against float64's: median {agreement.rounding:.1e} of max |g|, 99 % within "
             f"{agreement.switched:.1e}"
+        )
+    if agreement.dependence < HARDLY:
+        rows.append(
+            f"||F||^2 hardly depends on the image (a standard deviation changes it by {agreement.dependence:.1g} of "
+            "itself): the layer is normalised, take the one before, or a constant outweighs it"
         )
     return "\n".join(rows)
 

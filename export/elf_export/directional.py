@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -17,7 +18,9 @@ Forward = Callable[[Array64], Array64]
 # its derivative drowns.
 SIGNS, NOISE = "signs of the gradient", "white noise"
 DIRECTIONS = 3  # of each family, on each image
-TRIES = 6  # for one direction that crosses no kink; a gate that one number opens may lie in the way of most
+# For one direction that crosses no kink; of several the one with the least is kept.  A gate that one number opens may
+# lie in the way of most.
+TRIES = 6
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,7 @@ class Arithmetic:
     steps : e, in standard deviations of the image for v of rms 1
         Rounding errs like 1/e, curvature and switching ReLUs like e: of two neighbouring steps that agree
         best the mean is taken, a choice that does not look at the gradient.  Where a kink within the step makes
-        the slopes ahead and behind differ by more than `largest` allows, another direction is taken.
+        the slopes ahead and behind differ by more than `typical` allows, another direction is tried.
     sizes : (height, width) of the images, about
     families : of directions
     typical, largest : of the errors over all directions, the bound on the median and on each
@@ -75,6 +78,8 @@ def along(
     x, g : the image, and the gradient of phi there
     size : str
         What `Direction.size` says.
+
+    Where F is not finite beside the image on every try, `Direction.measured` is NaN and the error infinite.
     """
     rng = np.random.default_rng(seed)
     spread = float(x.std()) or 1.0
@@ -83,7 +88,7 @@ def along(
     result = []
     for family in arithmetic.families:
         for _ in range(DIRECTIONS):
-            kept, least = (0.0, 0.0), np.inf
+            kept, least = (np.nan, np.nan), np.inf
             for _ in range(TRIES):
                 v = _direction(family, g, rng)
                 v *= spread / np.sqrt((v * v).mean())
@@ -91,10 +96,11 @@ def along(
                 kink /= max(abs(measured), norm * spread)
                 if kink < least:
                     kept, least = (measured, float((g * v).sum())), kink
-                if kink <= arithmetic.largest:
+                if kink <= arithmetic.typical:
                     break
             measured, computed = kept
             error = abs(measured - computed) / max(abs(computed), norm * spread)
+            error = error if np.isfinite(error) else np.inf
             result.append(Direction(family, size, measured, computed, error))
     return result
 
@@ -111,22 +117,28 @@ def _derivative(
 ) -> tuple[float, float]:
     """The derivative of phi along `v`, at the two neighbouring steps that agree best, and what a kink may add to it.
 
-    A kink on one side changes the difference by half of what the slopes ahead of `x` and behind differ by.
+    A kink on one side changes the difference by half of what the slopes ahead of `x` and behind differ by.  Curvature
+    makes them differ too, in proportion to the step, and cancels in the difference.
     """
     found = [_difference(forward, x, f, v, step) for step in arithmetic.steps]
-    best = int(np.argmin(np.abs(np.diff([slope for slope, _ in found]))))
-    (near, kink_near), (far, kink_far) = found[best : best + 2]
-    return (near + far) / 2, max(kink_near, kink_far)
+    apart = [abs(far - near) for (near, _), (far, _) in itertools.pairwise(found)]
+    best = int(np.argmin(np.nan_to_num(apart, nan=np.inf)))
+    (near, bend_near), (far, bend_far) = found[best : best + 2]
+    straight = bend_far - bend_near * arithmetic.steps[best + 1] / arithmetic.steps[best]
+    return (near + far) / 2, min(max(abs(bend_near), abs(bend_far)), abs(straight))
 
 
 def _difference(forward: Forward, x: Array64, f: Array64, v: Array64, step: float) -> tuple[float, float]:
+    """The derivative by a central difference, and half of what the slopes ahead and behind differ by."""
     ahead, behind = (forward(x + sign * step * v) for sign in (1, -1))
+    if not (np.isfinite(ahead).all() and np.isfinite(behind).all()):
+        return np.nan, np.nan
 
     # (a^2 - b^2) / 2 = (a - b) (a + b) / 2 keeps the digits that two large sums would lose.
     def rise(a: Array64, b: Array64) -> float:
         return float(((a - b) * (a + b)).sum()) / (2 * step)
 
-    return rise(ahead, behind) / 2, abs(rise(ahead, f) - rise(f, behind)) / 2
+    return rise(ahead, behind) / 2, (rise(ahead, f) - rise(f, behind)) / 2
 
 
 def grainy(height: int, width: int, channels: int, seed: int) -> Array:
