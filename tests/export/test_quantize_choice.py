@@ -12,6 +12,7 @@ import onnx
 import pytest
 from onnx import TensorProto, helper
 
+from elf_export.adjoint.gradient import ADJOINT
 from elf_export.calibration import CalibrationSet, calibration_set
 from elf_export.graph import Graph
 from elf_export.quantize.choice import candidates, is_steep
@@ -186,6 +187,24 @@ def test_a_part_that_may_end_beyond_a_transposed_convolution_s_result() -> None:
     tensors = TENSORS | {"v": TENSORS["w2"]} | {key: np.array(value) for key, value in CROP.items()}
     assert "full" in candidates(small.written(body, tensors, [1, 4, 9, 11]))
     assert "full" not in candidates(small.written(body, tensors, SHAPE))
+
+
+def test_computed_ends_are_trusted_of_the_adjoint_s_own_alone() -> None:
+    """A network's own part to the size of the image would have a row more than its ConvTranspose of kernel 1 gives."""
+    body = (
+        f"c = {CONV}(x, w)  full = ConvTranspose<strides = [2, 2], kernel_shape = [1, 1]>(c, v)  "
+        "size = Shape<start = 2>(x)  twice = Add(size, size)  part = Slice(full, starts, twice, axes)  y = Neg(part)"
+    )
+    tensors = TENSORS | {"v": small.weights(16, 16, 1, 1), "starts": np.array([0, 0]), "axes": np.array([2, 3])}
+    model = small.written(body, tensors, SHAPE)
+    assert "full" not in candidates(model)
+    x = drawn(1, 4, 9, 11)
+    lowered, _ = rewrite(model, schemes_of(model, x))
+    (found,), (wanted,) = (session(m).run(None, {"x": x}) for m in (lowered, model))
+    assert found.shape == wanted.shape == (1, 16, 17, 21)
+    for node in model.graph.node:
+        node.name = f"{ADJOINT}{node.name}"
+    assert "full" in candidates(model)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from elf_export.errors import LayerError, UnsupportedGraphError, UnsupportedNode
 from elf_export.graph import Graph, captured
 
 from . import broadcast, phases
-from .gradient import Part
+from .gradient import ADJOINT, Part
 from .joining import whole
 from .registry import (
     Context,
@@ -179,5 +179,5 @@ def _total(graph: Graph, name: str, parts: list[Part] | None) -> Part | None:
     if not parts:
         return None
     if len(parts) > 1:
-        parts[:] = [graph.op("Sum", *(whole(graph, p) for p in parts), name=f"adj/{name}/accumulate")]
+        parts[:] = [graph.op("Sum", *(whole(graph, p) for p in parts), name=f"{ADJOINT}{name}/accumulate")]
     return parts[0]

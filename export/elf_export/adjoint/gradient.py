@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
+ADJOINT = "adj/"  # what the names of its nodes begin with
+
 
 class Extent(Enum):
     """How many rows the phases of a map of H rows have, and columns likewise; see `Phases`."""

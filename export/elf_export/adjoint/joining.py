@@ -14,14 +14,14 @@ import numpy as np
 
 from elf_export.graph import Graph, reduce_mean
 
-from .gradient import Extent, Part
+from .gradient import ADJOINT, Extent, Part
 
 
 def whole(graph: Graph, part: Part) -> str:
     """The gradient as one (N, C, H, W) value: phases interleaved and cut, or filled up with zeros, to `like`."""
     if isinstance(part, str):
         return part
-    role = f"adj/{part.like}"
+    role = f"{ADJOINT}{part.like}"
     if len(part.pieces) == 1:
         full = graph.op("DepthToSpace", *part.pieces, name=f"{role}/interleaved", blocksize=part.step, mode="DCR")
         return fitted(graph, full, part.like, 2, part.extent, f"{role}/whole")

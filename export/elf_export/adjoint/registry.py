@@ -11,6 +11,7 @@ import onnx
 
 from elf_export.graph import Array, Dim, Graph, attributes
 
+from .gradient import ADJOINT
 from .gradient import Gradients as Gradients  # rules import it from here
 
 MIN_OPSET = 11  # Slice, Pad, Clip and Resize take their bounds as inputs from here on
@@ -96,7 +97,7 @@ class Context:
 
     def name(self, role: str) -> str:
         """The name of what this node's adjoint emits in that role."""
-        return f"adj/{self.node.name or self.node.output[0]}/{role}"
+        return f"{ADJOINT}{self.node.name or self.node.output[0]}/{role}"
 
 
 def adjoint(

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import onnx
 
+from elf_export.adjoint.gradient import ADJOINT
 from elf_export.adjoint.portable import STEEP
 from elf_export.graph import Graph, attributes
 from elf_export.response import sums_channels
@@ -79,7 +80,8 @@ def is_spreading(graph: Graph, readers: Readers, node: onnx.NodeProto) -> bool:
 def _is_cropped(graph: Graph, readers: Readers, node: onnx.NodeProto) -> bool:
     """Whether all that is read of the node's result is a part from its first row and column on.
 
-    The convolutions make more of both behind its last ones: no end may count from there, nor lie beyond.
+    The convolutions make more of both behind its last ones: no end may count from there, nor lie beyond.  Of computed
+    ends that is known of the adjoint's alone.
     """
     after = only_reader(readers, node.output[0])
     if after is None or after.op_type != "Slice" or len(after.input) < 4:
@@ -88,7 +90,7 @@ def _is_cropped(graph: Graph, readers: Readers, node: onnx.NodeProto) -> bool:
     if starts is None or axes is None or starts.any() or not {2, 3} <= {int(axis) % 4 for axis in axes}:
         return False
     if ends is None:
-        return True
+        return node.name.startswith(ADJOINT)
     sizes = graph.shape(node.output[0]) or [None] * 4
     limits = [sizes[axis] for axis in axes]
     return all(isinstance(n, int) and 0 <= end <= n for n, end in zip(limits, ends, strict=True))
