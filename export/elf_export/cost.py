@@ -11,7 +11,7 @@ from onnx import helper
 
 from elf_runtime.session import open_session
 
-from .errors import ExportError
+from .errors import ExportError, first_line
 from .graph import Graph, attributes
 from .passes import cut
 
@@ -102,7 +102,7 @@ def _measured(graph: Graph, names: Sequence[str]) -> dict[str, list[int]]:
         zeros = {source.name: np.zeros(source.shape, np.float32) for source in session.get_inputs()}
         found = session.run(outputs, zeros)
     except Exception as error:  # onnxruntime's own exceptions share no base of theirs
-        reason = str(error).strip().splitlines()[0][:300]
+        reason = first_line(error)
         raise ExportError(f"the model does not run on an image of zeros: {reason}") from error
     return {name: [int(size) for size in dims] for name, dims in zip(names, found, strict=True)}
 

@@ -148,8 +148,8 @@ def require_dependence(layer: str, f: Array64, g: Array64, x: Array64) -> float:
     its derivative this adds sum |g| std(x), of which the share of ||F||^2 is returned.  For a network of convolutions
     and ReLUs without biases it is about once ||F||^2 or more; layers of networks give 0.1 to 50 times.  Below HARDLY
     lies what a LayerNorm or an InstanceNorm leaves, by its epsilon (2e-4), but also a layer whose constant outweighs
-    the image: their gradient is one that differences can check, if they have digits enough.  An L2 normalisation leaves float64's rounding,
-    4e-16, which CONSTANT lies well above.
+    the image: their gradient is one that differences can check, if they have digits enough.  An L2 normalisation
+    leaves float64's rounding, 4e-16, which CONSTANT lies well above.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ from elf_runtime.session import open_session
 
 from . import verify
 from .cost import macs_per_pixel, parameters
-from .errors import ExportError
+from .errors import ExportError, first_line
 from .passes import OPSETS
 from .receptive_field import Field
 from .saliency import SALIENCY, descriptor_output, stamp
@@ -71,7 +71,7 @@ def first_that_runs(model: onnx.ModelProto, images: Mapping[int, Sequence[int]])
         try:
             maps = session.run(None, {source.name: np.zeros(shape, np.float32)}, quiet)
         except Exception as error:  # onnxruntime's own exceptions share no base of theirs
-            reason = str(error).strip().splitlines()[0][:300]
+            reason = first_line(error)
             continue
         if all(value.size for value in maps):
             return size

@@ -58,3 +58,14 @@ def test_a_model_that_does_not_run_is_an_export_error() -> None:
     graph = Graph(of_unknown_size([node], {"w": small.weights(5, 7)}, "y"))
     with pytest.raises(ExportError, match="the model does not run on an image of zeros"):
         sizes_of(graph, ["y"])
+
+
+def test_an_error_without_a_text_is_called_by_its_type(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("elf_export.cost.open_session", refuse)
+    node = helper.make_node("MatMul", ["hidden", "w"], ["y"])
+    graph = Graph(of_unknown_size([node], {"w": small.weights(4, 7)}, "y"))
+    with pytest.raises(ExportError, match=r"does not run on an image of zeros: MemoryError$"):
+        sizes_of(graph, ["y"])

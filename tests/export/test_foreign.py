@@ -301,6 +301,20 @@ def test_an_opset_that_the_model_can_t_become(tmp_path: Path) -> None:
         export_onnx(saved(model, tmp_path), "y", [], tmp_path / "elf.onnx", opset=11)
 
 
+@pytest.mark.parametrize(
+    ("body", "size", "reason"),
+    [
+        ("y = Log(n)", ("N", 3, "H", "W"), "it gives NaN or infinite values on noise"),
+        ("y = Log(n)", (1, 3, 64, 64), "it gives NaN or infinite values on noise"),
+        ("y = RandomNormalLike(n)", ("N", 3, "H", "W"), "it does not give what each of its images alone gives"),
+    ],
+)
+def test_a_model_that_no_size_suits_says_why(body: str, size: tuple[int | str, ...], reason: str) -> None:
+    model = small.written(f"r = Abs(x)  n = Neg(r)  {body}", {}, size)
+    with pytest.raises(ExportError, match=f"runs the model at no size that was tried: {reason}$"):
+        prepare(model, ["y"])
+
+
 def test_a_wrong_gradient_is_not_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import onnx
 import onnxruntime as ort
 
-from elf_export.errors import ExportError
+from elf_export.errors import ExportError, first_line
 
 from .image_input import ImageInput
 
@@ -97,15 +97,16 @@ def free_sizes(model: onnx.ModelProto, image: ImageInput) -> tuple[onnx.ModelPro
         try:
             found = _works(_Runner(freed, image), attempt, image, expected)
         except Exception as error:  # onnxruntime's own exceptions share no base of theirs
-            reason = str(error).strip().splitlines()[0][:300]
+            reason = first_line(error)
             continue
-        if found is not None:
+        if isinstance(found, Sizes):
             if found.batch > 1:
                 raise ExportError(
                     f"the model takes batches of {found.batch} images and no others; export it again with a free "
                     "batch size, or with one of 1"
                 )
             return freed, found
+        reason = found
     raise ExportError(f"onnxruntime {ort.__version__} runs the model at no size that was tried: {reason}")
 
 
@@ -151,16 +152,18 @@ class _Runner:
         return values.astype(np.float32)
 
 
-def _works(runner: _Runner, sizes: Sizes, image: ImageInput, expected: list[Map] | None) -> Sizes | None:
-    """`sizes` with the multiple and the smallest size that the model needs, None if it takes none of them."""
-    if expected is not None and not _equal(runner.outputs_at(image.size), expected):
-        return None
-    multiple = next((m for m in MULTIPLES if _runs(runner, sizes, _probe(m))), None)
+def _works(runner: _Runner, sizes: Sizes, image: ImageInput, expected: list[Map] | None) -> Sizes | str:
+    """`sizes` with the multiple and the smallest size that the model needs, why not if it takes none of them."""
+    if expected is not None and (
+        reason := _unlike(runner.outputs_at(image.size), expected, "the file as it stands")
+    ):
+        return reason
+    multiple = next((m for m in MULTIPLES if not _fails(runner, sizes, _probe(m))), None)
     if multiple is None:
-        return None
-    least = next((s for s in LEAST if s % multiple == 0 and _runs(runner, sizes, (s, s))), None)
+        return _fails(runner, sizes, _probe(MULTIPLES[-1]))
+    least = next((s for s in LEAST if s % multiple == 0 and not _fails(runner, sizes, (s, s))), None)
     if least is None:
-        return None
+        return _fails(runner, sizes, (LEAST[-1], LEAST[-1]))
     return Sizes(sizes.height, sizes.width, sizes.batch, multiple, least)
 
 
@@ -170,22 +173,28 @@ def _probe(multiple: int) -> tuple[int, int]:
     return (h | 1) * multiple, (w + w % 2) * multiple
 
 
-def _runs(runner: _Runner, sizes: Sizes, size: tuple[int, int]) -> bool:
+def _fails(runner: _Runner, sizes: Sizes, size: tuple[int, int]) -> str:
+    """Why the model does not take images of a size; empty if it does."""
     height, width = sizes.height or size[0], sizes.width or size[1]
     try:
         if sizes.batch:
             runner.outputs_at((sizes.batch, height, width))
-            return True
+            return ""
         pair = runner.noise(2, height, width)
         together = runner.outputs(pair)
         apart = [runner.outputs(pair[i : i + 1]) for i in range(2)]
-    except Exception:  # onnxruntime's own exceptions share no base of theirs
-        return False
-    return _equal(together, [np.concatenate(maps) for maps in zip(*apart, strict=True)])
-
-
-def _equal(found: list[Map], wanted: list[Map]) -> bool:
-    return all(
-        a.shape == b.shape and float(np.abs(a - b).max(initial=0)) <= SAME * float(np.abs(b).max(initial=0))
-        for a, b in zip(found, wanted, strict=True)
+    except Exception as error:  # onnxruntime's own exceptions share no base of theirs
+        return first_line(error)
+    return _unlike(
+        together, [np.concatenate(maps) for maps in zip(*apart, strict=True)], "each of its images alone"
     )
+
+
+def _unlike(found: list[Map], wanted: list[Map], other: str) -> str:
+    """How results differ from wanted ones, those of `other`; empty if they don't."""
+    for a, b in zip(found, wanted, strict=True):
+        if not (np.isfinite(a).all() and np.isfinite(b).all()):
+            return "it gives NaN or infinite values on noise"
+        if a.shape != b.shape or float(np.abs(a - b).max(initial=0)) > SAME * float(np.abs(b).max(initial=0)):
+            return f"it does not give what {other} gives"
+    return ""

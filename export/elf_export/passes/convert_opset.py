@@ -5,7 +5,7 @@ from __future__ import annotations
 import onnx
 from onnx import version_converter
 
-from elf_export.errors import ExportError
+from elf_export.errors import ExportError, first_line
 
 OPSETS = range(11, 21)
 OLD_MODELS = 13  # what a model of an older opset becomes: the rules know it, and most converters reach it
@@ -32,7 +32,7 @@ def convert_opset(model: onnx.ModelProto, wanted: int | None = None) -> onnx.Mod
         try:
             result = version_converter.convert_version(source, target)
         except Exception as error:  # the converter raises whatever its C++ side threw
-            reason = str(error).strip().splitlines()[0]
+            reason = first_line(error)
             advice = (
                 f"Leave out --opset, which keeps {own}, or export the model again with opset {target}"
                 if own in OPSETS
