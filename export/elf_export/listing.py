@@ -16,7 +16,7 @@ from .graph import Graph
 from .layout import image_layout
 from .networks import Network
 from .passes import fold_constants
-from .receptive_field import receptive_fields
+from .receptive_field import measured, receptive_fields
 
 # What makes no layer of its own: helpers, and the parts that exporters write an activation in.
 NO_LAYERS = frozenset(
@@ -62,11 +62,13 @@ def layer_table(model: onnx.ModelProto, image: str, layers: Sequence[str] | None
     ops = {name: node.op_type for node in graph.nodes for name in node.output}
     for layer in shown:
         field, known = fields[layer], _sizes(layer, axes, sizes)
-        seen = f"{field.size:g} px" if math.isfinite(field.size) else "the image"
+        if known.get("H") and known.get("W"):
+            field = measured(field, (height, width), (known["H"], known["W"]))
+        seen = "?" if math.isnan(field.size) else f"{field.size:g} px" if math.isfinite(field.size) else "the image"
         channels, across, down = (known.get(axis, "?") for axis in "CWH")
         share = f"{macs[layer] / most:.1%}" if math.isfinite(macs[layer]) else "?"
         row = (
-            f"{layer:<{widest}}  {ops[layer]:<18}{channels:>9}{f'{across}x{down}':>10}{field.stride:>8g}{seen:>17}"
+            f"{layer:<{widest}}  {ops[layer]:<18}{channels:>9}{f'{across}x{down}':>10}{field.stride:>8.4g}{seen:>17}"
             f"{share:>20}"
         )
         rows.append(row + (f"  no gradient through {blocked[layer]}" if layer in blocked else ""))

@@ -24,12 +24,31 @@ GLOBAL = frozenset(
 class Field:
     """Along one axis: cell i is centred at pixel ``offset + i * stride`` and sees `size` pixels.
 
-    `size` is infinite where a cell sees the whole image.
+    `size` is infinite where a cell sees the whole image, and NaN where `measured` can't tell.
     """
 
     stride: float = 1.0
     offset: float = 0.0
     size: float = 1.0
+
+
+def measured(field: Field, image: Sequence[int], cells: Sequence[int]) -> Field:
+    """`field`, held against the sizes of the image and of the map, (height, width) each.
+
+    Where the walk over the nodes does not explain a map's size (a Resize to computed sizes, a space-to-depth
+    written in Slices), the cells are taken to tile the image, and `size` is NaN: what they see is not known.
+    Where their sides differ, the width decides.
+    """
+    if all(_explains(field, *pair) for pair in zip(image, cells, strict=True)):
+        return field
+    stride = image[1] / cells[1]
+    return Field(stride, (stride - 1) / 2, math.nan)
+
+
+def _explains(field: Field, pixels: int, cells: int) -> bool:
+    """A map may lose or gain a cell at its border, by padding and rounding; without padding it loses its field."""
+    lost = pixels / field.stride - cells
+    return abs(lost) <= 2 or 0 < lost <= min(field.size / field.stride, cells / 4)
 
 
 def receptive_fields(

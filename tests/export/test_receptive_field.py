@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,9 @@ import onnxruntime as ort
 import pytest
 from onnx import TensorProto, helper
 
-from elf_export.receptive_field import Field, receptive_fields
+from elf_export import export_onnx
+from elf_export.listing import layer_table
+from elf_export.receptive_field import Field, measured, receptive_fields
 from export import small_models as small
 
 HEIGHT = 12
@@ -221,3 +224,55 @@ def test_sizes_that_the_model_states_of_its_maps_do_not_stand_in_the_way() -> No
     model.graph.output.append(helper.make_tensor_value_info("b", TensorProto.FLOAT, ["n", 1, HEIGHT, 12]))
     fields = receptive_fields(model, "x", (HEIGHT, 25))
     assert (fields["b"].offset, fields["y"].offset) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("field", "cells", "stride"),
+    [
+        (Field(2, 0.5, 40), (48, 64), 2),
+        (Field(2, 0.5, 40), (49, 63), 2),
+        # Two convolutions without padding lose four rows and columns.
+        (Field(2, 4.5, 10), (44, 60), 2),
+        # What the walk takes for pointwise.
+        (Field(1, 0, 3), (48, 64), 2),
+        (Field(1, 0, math.inf), (48, 64), 2),
+        (Field(4, 1.5, 99), (48, 64), 2),
+        (Field(2, 0.5, 40), (12, 64), 2),
+    ],
+)
+def test_a_field_is_held_against_the_map_s_size(field: Field, cells: tuple[int, int], stride: float) -> None:
+    found = measured(field, (96, 128), cells)
+    assert found.stride == stride
+    explained = field.stride == stride and cells[0] > 12
+    assert found == field if explained else math.isnan(found.size)
+    assert explained or found.offset == (stride - 1) / 2
+
+
+def unshuffled() -> onnx.ModelProto:
+    """Two pixels a side to channels, by a Reshape as torch writes it, then a convolution of stride 2."""
+    body = """
+        size = Shape(x)  count = Slice(size, zero, one, zero)  rows = Slice(size, two, three, zero)
+        columns = Slice(size, three, four, zero)  h = Div(rows, two)  w = Div(columns, two)
+        six = Concat<axis = 0>(count, three, h, two, w, two)  r = Reshape(x, six)
+        t = Transpose<perm = [0, 1, 3, 5, 2, 4]>(r)  four_axes = Concat<axis = 0>(count, twelve, h, w)
+        u = Reshape(t, four_axes)  c = Conv<pads = [1, 1, 1, 1]>(u, k)  m = Relu(c)
+        y = Conv<pads = [1, 1, 1, 1], strides = [2, 2]>(m, v)
+    """
+    ints = {"zero": 0, "one": 1, "two": 2, "three": 3, "four": 4, "twelve": 12}
+    tensors = {name: np.array([value]) for name, value in ints.items()}
+    kernels = {"k": small.weights(8, 12, 3, 3), "v": small.weights(8, 8, 3, 3)}
+    return small.written(body, tensors | kernels, ("N", 3, "H", "W"))
+
+
+def test_a_layer_behind_a_reshape_has_the_stride_of_its_map(tmp_path: Path) -> None:
+    onnx.save(unshuffled(), tmp_path / "model.onnx")
+    for layer, stride in (("m", 2.0), ("y", 4.0)):
+        contract = export_onnx(tmp_path / "model.onnx", layer, ["y"], tmp_path / "elf.onnx", force=True).contract
+        assert contract.stride == stride
+        assert (contract.descriptors[0].stride, contract.descriptors[0].offset) == (4.0, 1.5)
+
+
+def test_the_list_shows_the_stride_of_a_map_and_no_receptive_field_that_contradicts_it() -> None:
+    rows = {line.split()[0]: line.split()[1:6] for line in layer_table(unshuffled(), "x").splitlines()}
+    assert rows["m"] == ["Relu", "8", "256x256", "2", "?"]
+    assert rows["y"] == ["Conv", "8", "128x128", "4", "?"]

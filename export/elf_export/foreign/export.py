@@ -15,10 +15,13 @@ import numpy.typing as npt
 import onnx
 
 from elf_export import differences
+from elf_export.axes import axes_of
 from elf_export.calibration import calibration_set
+from elf_export.cost import sizes_where_known
 from elf_export.detection import Wanted, chosen
 from elf_export.detection import arguments as detection_arguments
 from elf_export.errors import ExportError, LayerError
+from elf_export.graph import Graph
 from elf_export.output import (
     ExportResult,
     check_opset,
@@ -33,7 +36,7 @@ from elf_export.passes import convert_opset, cut, opset_of, single_precision, ta
 from elf_export.precision import check_precision, lower
 from elf_export.preprocessing import Preprocessing
 from elf_export.projection import Reduction
-from elf_export.receptive_field import Field, receptive_fields
+from elf_export.receptive_field import Field, measured, receptive_fields
 from elf_export.reduce import arguments as reduction_arguments
 from elf_export.reduce import reduce_descriptors
 from elf_export.saliency import build_gradient, build_saliency, descriptor_output
@@ -43,7 +46,7 @@ from elf_runtime import DetectionParams, InputSpec, ModelContract, WeightsSpec
 from elf_runtime.contract import ReductionSpec
 from elf_runtime.session import open_session
 
-from .free_sizes import LEAST, Sizes, free_sizes
+from .free_sizes import LEAST, Sizes, free_sizes, with_sizes
 from .image_input import ImageInput, find_image_input
 from .layers import resolve_layer
 from .load import load_model
@@ -245,10 +248,7 @@ def maps_of(model: onnx.ModelProto, layers: Sequence[str]) -> Maps:
 def measured_fields(
     saliency: onnx.ModelProto, source: Source, settings: Preprocessing, descriptors: Sequence[str]
 ) -> dict[str, Field]:
-    """The layers' geometry, held against the sizes of the maps that a run gives.
-
-    Where the walk over the nodes does not explain a map's size (a Resize to computed sizes, a space-to-depth
-    written in Slices), the cells are taken to tile the image.
+    """The geometry of all values, that of the layers held against the sizes of their maps, as `measured` does.
 
     Raises
     ------
@@ -259,17 +259,21 @@ def measured_fields(
     height, width = source.sizes.near(224, 256)
     session, _ = open_session(saliency.SerializeToString())
     pixels = np.zeros((1, height, width, settings.channels), np.float32)
+    graph = Graph(with_sizes(source.model, source.image, Sizes(height, width, 1)))
+    sizes = sizes_where_known(graph)
+    axes = axes_of(graph, source.image.name, source.image.layout, sizes)
+    for name in source.layers:
+        cells = dict(zip(axes.get(name, ""), sizes.get(name, ()), strict=False))
+        if {"H", "W"} <= cells.keys() and cells["H"] * cells["W"] > 1:
+            fields[name] = measured(fields[name], (height, width), (cells["H"], cells["W"]))
     for name in descriptors:
         h, w = session.run([descriptor_output(name)], {"image": pixels})[0].shape[1:3]
         across, down = width / w, height / h
-        field = fields[name]
-        # A map may lose or gain a cell at its border, by padding and rounding.
-        if abs(width / field.stride - w) > 2 or abs(height / field.stride - h) > 2:
-            if not math.isclose(across, down, rel_tol=0.1):
-                raise LayerError(
-                    f"{name!r} can't describe keypoints: its cells are {across:g}x{down:g} pixels, and must be square"
-                )
-            fields[name] = Field(across, (across - 1) / 2, field.size)
+        fields[name] = measured(fields[name], (height, width), (h, w))
+        if math.isnan(fields[name].size) and not math.isclose(across, down, rel_tol=0.1):
+            raise LayerError(
+                f"{name!r} can't describe keypoints: its cells are {across:g}x{down:g} pixels, and must be square"
+            )
     return fields
 
 
