@@ -15,6 +15,7 @@ import pytest
 from elf_runtime import (
     ContractError,
     DetectionParams,
+    ElfError,
     ElfRuntime,
     Features,
     ImageError,
@@ -468,3 +469,25 @@ def test_a_provider_that_is_not_installed() -> None:
     assert "fallback" not in str(caught.value)  # which no command has
     with pytest.warns(RuntimeWarning, match=missing):
         assert ElfRuntime(TINY, providers=[missing], fallback=True).providers == ["CPUExecutionProvider"]
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (MemoryError(), "MemoryError"),
+        (RuntimeError("no room\nat 0x7f"), "no room"),
+        (RuntimeError("x" * 999), "x" * 300),
+    ],
+)
+def test_a_network_that_fails_says_why_in_one_line(
+    error: Exception, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Failing:
+        def run(self, *_: object) -> None:
+            raise error
+
+    elf = ElfRuntime(TINY)
+    monkeypatch.setattr(elf._sessions, "get", lambda *_: (Failing(), None))
+    with pytest.raises(ElfError) as caught:
+        elf.detect(textured(64, 80))
+    assert str(caught.value) == f"{TINY}: the network failed on a (1, 64, 80, 3) input: {text}"

@@ -9,9 +9,10 @@ import numpy as np
 import onnx
 from onnx import helper
 
+from elf_runtime.errors import first_line
 from elf_runtime.session import open_session
 
-from .errors import ExportError, first_line
+from .errors import ExportError
 from .graph import Graph, attributes
 from .passes import cut
 

@@ -44,8 +44,3 @@ class UnsupportedGraphError(ExportError):
             "Choose a layer before the first of them (--list shows the layers), or add a rule with "
             "elf_export.adjoint.adjoint."
         )
-
-
-def first_line(error: BaseException) -> str:
-    """The first line of what an error says, at most 300 characters; its type where it says nothing."""
-    return (str(error).strip() or type(error).__name__).splitlines()[0][:300]

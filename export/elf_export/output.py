@@ -15,12 +15,13 @@ import onnxruntime as ort
 import elf_runtime
 from elf_runtime import DescriptorSpec, ModelContract
 from elf_runtime.contract import ReductionSpec
+from elf_runtime.errors import first_line
 from elf_runtime.files import unwritable, write_atomically
 from elf_runtime.session import open_session
 
 from . import verify
 from .cost import macs_per_pixel, parameters
-from .errors import ExportError, first_line
+from .errors import ExportError
 from .passes import OPSETS
 from .receptive_field import Field
 from .saliency import SALIENCY, descriptor_output, stamp

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from .contract import ModelContract
-from .errors import ElfError, ModelError
+from .errors import ElfError, ModelError, first_line
 from .session import Provider, open_session
 
 
@@ -70,7 +70,7 @@ def measure(model: str | Path, contract: ModelContract, provider: Provider, size
         except ElfError as error:
             return Coverage(name, {}, {}, str(error))
         except Exception as error:  # onnxruntime's own exceptions share no base of theirs
-            return Coverage(name, {}, {}, str(error).strip().splitlines()[0][:300])
+            return Coverage(name, {}, {}, first_line(error))
     return from_events(name, events)
 
 

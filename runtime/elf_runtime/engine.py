@@ -14,7 +14,7 @@ import numpy.typing as npt
 from . import image as images
 from .contract import DescriptorSpec, ModelContract
 from .descriptors import sample
-from .errors import ElfError, ImageError, SettingError
+from .errors import ElfError, ImageError, SettingError, first_line
 from .features import Features
 from .image import Array, ImageLike
 from .nms import greedy_nms
@@ -399,7 +399,7 @@ class ElfRuntime:
         try:
             values = session.run(names, {self.contract.input.name: pixels}, options)
         except Exception as error:  # onnxruntime's own exceptions share no base of theirs
-            reason = str(error).strip().splitlines()[0][:300]
+            reason = first_line(error)
             raise ElfError(f"{self._name}: the network failed on a {pixels.shape} input: {reason}") from error
         by_name = dict(zip(names, values, strict=True))
         return by_name.get(self.contract.saliency_output, np.zeros((len(pixels), 0, 0), np.float32)), by_name

@@ -30,3 +30,8 @@ class SettingError(ElfError, ValueError):
 def reason(error: BaseException) -> str:
     """The error's text; an OSError's without its number and file."""
     return (isinstance(error, OSError) and error.strerror) or str(error)
+
+
+def first_line(error: BaseException) -> str:
+    """The first line of what an error says, at most 300 characters; its type where it says nothing."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0][:300]

@@ -11,7 +11,7 @@ from pathlib import Path
 import onnxruntime as ort
 
 from .contract import ModelContract
-from .errors import ModelError
+from .errors import ModelError, first_line
 from .onnx_file import read_onnx
 
 _MARK = slice(4, 8)  # of the file, where FlatBuffers keep their four letters
@@ -72,6 +72,6 @@ def to_ort(
         os.replace(temporary, target)
     except Exception as error:  # onnxruntime's own exceptions share no base of theirs
         temporary.unlink(missing_ok=True)
-        reason = str(error).strip().splitlines()[0][:300]
+        reason = first_line(error)
         raise ModelError(f"{target}: can't write {source} in ORT format: {reason}") from error
     return target

@@ -11,7 +11,7 @@ from typing import Any
 
 import onnxruntime as ort
 
-from .errors import ModelError, ProviderError
+from .errors import ModelError, ProviderError, first_line
 from .params import is_int
 
 Provider = str | tuple[str, Mapping[str, Any]]
@@ -174,7 +174,7 @@ def open_session(
     try:
         session = ort.InferenceSession(source, options, providers=chosen)
     except Exception as error:  # onnxruntime's own exceptions share no base of theirs
-        reason = str(error).strip().splitlines()[0][:300]
+        reason = first_line(error)
         if chosen == ["CPUExecutionProvider"]:
             raise ModelError(f"{name}: onnxruntime {ort.__version__} can't load it: {reason}") from error
         raise ProviderError(f"{name}: {_names(chosen)} can't load it: {reason}") from error

@@ -10,7 +10,8 @@ import numpy.typing as npt
 import onnx
 import onnxruntime as ort
 
-from elf_export.errors import ExportError, first_line
+from elf_export.errors import ExportError
+from elf_runtime.errors import first_line
 
 from .image_input import ImageInput
 

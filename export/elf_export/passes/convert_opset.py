@@ -5,7 +5,8 @@ from __future__ import annotations
 import onnx
 from onnx import version_converter
 
-from elf_export.errors import ExportError, first_line
+from elf_export.errors import ExportError
+from elf_runtime.errors import first_line
 
 OPSETS = range(11, 21)
 OLD_MODELS = 13  # what a model of an older opset becomes: the rules know it, and most converters reach it
