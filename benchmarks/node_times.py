@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 import onnx
 
+from elf_export.adjoint.gradient import ADJOINT
 from elf_export.graph import attributes
 from elf_export.response import sums_channels
 from elf_runtime.contract import ModelContract
@@ -77,7 +78,7 @@ def helping_nodes(model: onnx.ModelProto) -> dict[str, str]:
         grouped = node.op_type == "Conv" and attributes(node).get("group", 1) > 1
         role = node.name.rsplit("/", 1)[-1]
         helps = grouped and (not role.startswith("dx") or role.endswith("_minus"))
-        if node.name.startswith("adj/") and (helps or node.op_type in ("HardSigmoid", "Clip")):
+        if node.name.startswith(ADJOINT) and (helps or node.op_type in ("HardSigmoid", "Clip")):
             found[node.name] = "masks and differences"
         elif node.op_type == "Conv" and node.input[1] in constants:
             kernel = onnx.numpy_helper.to_array(constants[node.input[1]])

@@ -8,24 +8,12 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from photos import features_of, photos_in
 
-from elf_runtime import ElfRuntime, match
-from elf_runtime.image import named, read
+from elf_runtime import match
 
 images, out = map(Path, sys.argv[1:])
-files = [path for path in sorted(images.rglob("*")) if path.suffix.lower() in (".jpg", ".jpeg", ".png")]
-photos = {path.relative_to(images).as_posix(): path for path in files}
-if not photos:
-    sys.exit(f"{images}: no .jpg, .jpeg or .png file in this folder or below it")
-if spaced := [name for name in photos if any(map(str.isspace, name))]:
-    sys.exit(f"{spaced[0]}: COLMAP's list of matches has no names with spaces; rename the file")
-
-elf = ElfRuntime()
-found = {}
-for name, path in photos.items():
-    pixels = read(path, ignore_exif=True)  # COLMAP's images are as they are stored
-    with named(path):
-        found[name] = elf.detect(pixels, preset="accurate", max_keypoints=2000)
+found = features_of(photos_in(images))
 
 for name, features in found.items():
     target = out / "features" / f"{name}.txt"

@@ -9,27 +9,16 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from photos import features_of, photos_in
 
-from elf_runtime import ElfRuntime, match
-from elf_runtime.image import named, read
+from elf_runtime import match
 
 images, out = map(Path, sys.argv[1:])
-files = [path for path in sorted(images.rglob("*")) if path.suffix.lower() in (".jpg", ".jpeg", ".png")]
-photos = {path.relative_to(images).as_posix(): path for path in files}
-if not photos:
-    sys.exit(f"{images}: no .jpg, .jpeg or .png file in this folder or below it")
-if spaced := [name for name in photos if any(map(str.isspace, name))]:
-    sys.exit(f"{spaced[0]}: hloc's list of pairs has no names with spaces; rename the file")
+photos = photos_in(images)
 names = [name.replace("/", "-") for name in photos]  # as hloc writes them in pairs
 if twice := [name for name in names if names.count(name) > 1]:
     sys.exit(f"{twice[0]}: hloc writes / as -, which gives two files this name; rename one")
-
-elf = ElfRuntime()
-found = {}
-for name, path in photos.items():
-    pixels = read(path, ignore_exif=True)  # the cameras that COLMAP estimates are of the stored pixels
-    with named(path):
-        found[name] = elf.detect(pixels, preset="accurate", max_keypoints=2000)
+found = features_of(photos)
 out.mkdir(parents=True, exist_ok=True)
 
 with h5py.File(out / "features.h5", "w") as file:

@@ -121,7 +121,7 @@ def check(
         map_errors.append(float(np.median(np.abs(found - wanted)) / wanted.max()))
         low, high = np.percentile(np.abs(g - g_exact) / np.abs(g_exact).max(), (50, 99))
         roundings.append((float(low), float(high)))
-        found_here = along(evaluate, x, g_exact, f"{size[1]}x{size[0]}", arithmetic, seed)
+        found_here = along(evaluate, x, f, g_exact, f"{size[1]}x{size[0]}", arithmetic, seed)
         if not np.isfinite([d.measured for d in found_here]).all():
             raise VerificationError(
                 f"{layer!r} is NaN or infinite close to a natural image, so that its gradient can't be checked; "

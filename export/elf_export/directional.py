@@ -67,7 +67,7 @@ class Direction:
 
 
 def along(
-    forward: Forward, x: Array64, g: Array64, size: str, arithmetic: Arithmetic, seed: int
+    forward: Forward, x: Array64, f: Array64, g: Array64, size: str, arithmetic: Arithmetic, seed: int
 ) -> list[Direction]:
     """The derivatives along DIRECTIONS directions of each family.
 
@@ -75,7 +75,7 @@ def along(
     ----------
     forward : function
         F of an image like `x`.
-    x, g : the image, and the gradient of phi there
+    x, f, g : the image, F there, and the gradient of phi
     size : str
         What `Direction.size` says.
 
@@ -84,7 +84,6 @@ def along(
     rng = np.random.default_rng(seed)
     spread = float(x.std()) or 1.0
     norm = float(np.sqrt((g * g).sum()))
-    f = forward(x)
     result = []
     for family in arithmetic.families:
         for _ in range(DIRECTIONS):

@@ -33,7 +33,7 @@ def gradient() -> np.ndarray:
 
 
 def errors(g: np.ndarray, seed: int) -> np.ndarray:
-    return np.array([found.error for found in d.along(gated, X, g, "8x8", d.FLOAT64, seed)])
+    return np.array([found.error for found in d.along(gated, X, gated(X), g, "8x8", d.FLOAT64, seed)])
 
 
 def test_a_direction_that_crosses_a_kink_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,7 +55,7 @@ def test_small_kinks_in_most_directions_do_not_hide_a_right_gradient(monkeypatch
 
     def medians() -> list[float]:
         return [
-            float(np.median([found.error for found in d.along(forward, X, g, "8x8", d.FLOAT64, seed)]))
+            float(np.median([found.error for found in d.along(forward, X, forward(X), g, "8x8", d.FLOAT64, seed)]))
             for seed in range(8)
         ]
 
@@ -72,7 +72,7 @@ def test_curvature_is_no_kink() -> None:
         runs.append(x)
         return 300 * x + 40 * x**2
 
-    found = d.along(forward, X, forward(X) * (300 + 80 * X), "8x8", d.FLOAT64, 0)
+    found = d.along(forward, X, forward(X), forward(X) * (300 + 80 * X), "8x8", d.FLOAT64, 0)
     assert len(runs) == 2 + 2 * len(d.FLOAT64.steps) * len(found)
 
 
@@ -169,6 +169,6 @@ def test_differences_that_are_not_finite_do_not_agree() -> None:
     def forward(x: np.ndarray) -> np.ndarray:
         return np.where(np.array_equal(x, X), x, np.nan)
 
-    for found in d.along(forward, X, X, "8x8", d.FLOAT64, 0):
+    for found in d.along(forward, X, X, X, "8x8", d.FLOAT64, 0):
         assert np.isnan(found.measured)
         assert found.error == np.inf
