@@ -12,6 +12,7 @@ from typing import Any
 import onnxruntime as ort
 
 from .errors import ModelError, ProviderError, first_line
+from .forking import opened
 from .params import is_int
 
 Provider = str | tuple[str, Mapping[str, Any]]
@@ -172,7 +173,7 @@ def open_session(
         options.profile_file_prefix = profile
     source, name = _checked(model, name)
     try:
-        session = ort.InferenceSession(source, options, providers=chosen)
+        session = opened(lambda: ort.InferenceSession(source, options, providers=chosen))
     except Exception as error:  # onnxruntime's own exceptions share no base of theirs
         reason = first_line(error)
         if chosen == ["CPUExecutionProvider"]:

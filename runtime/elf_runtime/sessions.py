@@ -5,16 +5,26 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import onnxruntime as ort
 
+from .forking import forgets_when_forked
 from .ort_format import is_ort_format
 from .session import is_cpu, open_session
 from .subgraph import with_outputs
 
 Shape = tuple[int, ...]
 _Key = tuple[frozenset[str], Shape | None, bool]  # outputs, size (None is any), whether of an image alone
+
+
+class TensorInfo(NamedTuple):
+    """An input or output of a model, as ONNX Runtime describes it: an int, a symbol or None per axis."""
+
+    name: str
+    type: str
+    shape: list[int | str | None]
+
 
 MUCH_LARGER = 2  # times the pixels: an image whose memory is not worth keeping for others
 
@@ -48,7 +58,7 @@ class Sessions:
     providers : list of str
         The active ones.
     metadata : mapping
-    inputs, outputs : lists of onnxruntime.NodeArg
+    inputs, outputs : lists of TensorInfo
     """
 
     def __init__(self, model: bytes, name: str, options: Mapping[str, Any], sizes: int) -> None:
@@ -61,7 +71,8 @@ class Sessions:
         session, _ = open_session(model, **options, optimize=not provisional, name=name)
         self.providers: list[str] = list(session.get_providers())
         self.metadata: Mapping[str, str] = session.get_modelmeta().custom_metadata_map
-        self.inputs, self.outputs = session.get_inputs(), session.get_outputs()
+        # ONNX Runtime's own records would keep the session alive.
+        self.inputs, self.outputs = _tensors(session.get_inputs()), _tensors(session.get_outputs())
         self._all = frozenset(tensor.name for tensor in self.outputs)
         self._dims = [dim if isinstance(dim, str) else None for dim in self.inputs[0].shape[:3]]
         self._at_once = self._sizes > 0 and not provisional
@@ -72,6 +83,12 @@ class Sessions:
         self._last: dict[frozenset[str], list[Shape]] = {}  # by outputs, the sizes that came last
         # Of a session of any size: the pixels of its last image, and those that the memory it keeps is enough for.
         self._pixels: dict[_Key, tuple[int, int]] = {}
+        self._opening = threading.Lock()
+        forgets_when_forked(self)
+
+    def forget(self) -> None:
+        """Start anew in a forked child: the parent's sessions are not for it, and its lock may be held by nobody."""
+        self._open, self._last, self._pixels = {}, {}, {}
         self._opening = threading.Lock()
 
     def __len__(self) -> int:
@@ -131,3 +148,7 @@ class Sessions:
             if key[1] in others[max(0, self._sizes - 1) :]:
                 del self._open[key]
                 self._pixels.pop(key, None)
+
+
+def _tensors(records: Sequence[ort.NodeArg]) -> list[TensorInfo]:
+    return [TensorInfo(record.name, record.type, list(record.shape)) for record in records]
