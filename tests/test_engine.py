@@ -20,6 +20,7 @@ from elf_runtime import (
     Features,
     ImageError,
     InputSpec,
+    ModelContract,
     ModelError,
     ProviderError,
     SettingError,
@@ -178,8 +179,8 @@ def test_a_radius_is_at_least_a_working_pixel_where_above_zero(elf: ElfRuntime) 
 
 
 def test_the_radius_of_a_model_of_one_size_is_in_source_pixels() -> None:
-    spec = InputSpec(height=60, width=80)
-    work = prepared(textured(120, 160), DetectionParams(), None, spec, "m.onnx")
+    contract = ModelContract("net", "layer", 2.0, input=InputSpec(height=60, width=80))
+    work = prepared(textured(120, 160), DetectionParams(), None, contract, "m.onnx")
     assert work.scale == 0.5
     assert work.radius(10) == 5
 

@@ -156,7 +156,9 @@ def test_the_paper_s_table() -> None:
     }  # fmt: skip
     for name, networks in table.items():
         for network, (denoise, threshold_blur) in networks.items():
-            wanted = DetectionParams(denoise, threshold_blur, "kapur", 10, 10, 500, 1.0, quantize=True)
+            wanted = DetectionParams(
+                denoise, threshold_blur, "kapur", 10, 10, 500, 1.0, quantize=True, min_contrast=0.0
+            )
             assert preset(name, network) == wanted, (name, network)
 
 

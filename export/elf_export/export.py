@@ -35,7 +35,7 @@ from .output import (
 from .precision import check_precision, lower
 from .preprocessing import Preprocessing
 from .projection import Reduction
-from .receptive_field import receptive_fields
+from .receptive_field import receptive_fields, stated
 from .reduce import arguments as reduction_arguments
 from .reduce import reduce_descriptors
 from .saliency import build_saliency
@@ -197,6 +197,7 @@ def export_network(
         network=name,
         layer=layer,
         stride=fields[layer].stride,
+        receptive_field=stated(fields[layer].size),
         input=spec,
         descriptors=descriptor_specs(model, labels, fields, reductions),
         detection=params,

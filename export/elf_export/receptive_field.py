@@ -45,6 +45,11 @@ def measured(field: Field, image: Sequence[int], cells: Sequence[int]) -> Field:
     return Field(stride, (stride - 1) / 2, math.nan)
 
 
+def stated(size: float) -> float:
+    """A field's size for the contract: 0 where it is not known, or the whole image."""
+    return size if math.isfinite(size) else 0.0
+
+
 def _explains(field: Field, pixels: int, cells: int) -> bool:
     """A map may lose or gain a cell at its border, by padding and rounding; without padding it loses its field."""
     lost = pixels / field.stride - cells

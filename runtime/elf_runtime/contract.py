@@ -156,6 +156,8 @@ class ModelContract:
         The network, and the layer F whose saliency the graph computes.
     stride : float
         Pixels of the image per cell of F.
+    receptive_field : float
+        Pixels of the image that a cell of F sees, along each side; 0 where that is not known, or the whole image.
     input : InputSpec
     saliency_output : str
         Name of the (N, H, W) output.
@@ -178,6 +180,7 @@ class ModelContract:
     network: str
     layer: str
     stride: float
+    receptive_field: float = 0.0
     input: InputSpec = field(default_factory=InputSpec)
     saliency_output: str = "saliency"
     descriptors: tuple[DescriptorSpec, ...] = ()

@@ -17,11 +17,12 @@ from .descriptors import sample
 from .errors import ElfError, ImageError, SettingError, first_line
 from .features import Features
 from .image import Array, ImageLike
-from .nms import greedy_nms
+from .maxima import maxima
 from .params import DetectionParams, is_int, preset
 from .refine import parabola_peaks
 from .session import Provider, bundled_model, is_cpu, read_model, resolve_providers
 from .sessions import Sessions
+from .spread import passing_by_cell
 from .threshold import blurred, passing
 from .work import Stopwatch, Work, as_points, prepared
 
@@ -386,7 +387,7 @@ class ElfRuntime:
         with watch("read"):
             array = images.read(image)
         with watch("prepare"), images.named(image, place):
-            return prepared(array, params, mask, self.contract.input, self._name)
+            return prepared(array, params, mask, self.contract, self._name)
 
     def _outputs(self, specs: Sequence[DescriptorSpec], saliency: bool = True) -> list[str]:
         return ([self.contract.saliency_output] if saliency else []) + [spec.output for spec in specs]
@@ -423,19 +424,15 @@ class ElfRuntime:
             )  # fmt: skip
             return Trace(nothing, zero, zero, np.zeros(zero.shape, np.bool_), watch.seconds)
         with watch("blur"):
-            scores, smooth = blurred(saliency, params)
-        with watch("threshold"):
-            mask = passing(scores, smooth, params)
             allowed = work.allowed()
-            if allowed is not None:
-                mask &= allowed
+            scores, smooth = blurred(saliency, params, allowed)
+        with watch("threshold"):
+            if params.grid == (1, 1):
+                mask = passing(scores, smooth, params, allowed)
+            else:
+                mask = passing_by_cell(saliency, params, allowed)
         with watch("nms"):
-            rows, columns = work.margin(params.border)
-            height, width = mask.shape
-            inside = (slice(rows, height - rows), slice(columns, width - columns))  # empty where the border is all
-            radius = work.radius(params.nms_radius)
-            found, strength = greedy_nms(scores[inside], mask[inside], radius, params.max_keypoints)
-            found += (columns, rows)
+            found, strength = maxima(scores, mask, work, params)
             # The paper's scores were of 8 bits so far.
             values, best = scores.astype(np.float32, copy=False), strength.astype(np.float32, copy=False)
         with watch("descriptors"):

@@ -13,14 +13,20 @@ import numpy.typing as npt
 
 from .contract import InputSpec
 from .errors import ImageError, reason
+from .filetype import HEAD, description, open_regular
+from .image_header import Header, is_cut_off, read_header
 
 Array = npt.NDArray[np.float32]
 ImageLike = npt.NDArray[Any] | str | os.PathLike[str]
 
+MAX_PIXELS = 100_000_000  # of an image file, unless the caller allows more
+
 _ROUNDING = 1e-6  # how far float pixels may lie outside [0, 1], where they are cut off
 
 
-def read(image: ImageLike, *, ignore_exif: bool = False) -> npt.NDArray[Any]:
+def read(
+    image: ImageLike, *, ignore_exif: bool = False, max_pixels: int | None = MAX_PIXELS
+) -> npt.NDArray[Any]:
     """The array itself, or the decoded file: BGR or grey, with its bit depth kept.
 
     Parameters
@@ -30,33 +36,80 @@ def read(image: ImageLike, *, ignore_exif: bool = False) -> npt.NDArray[Any]:
         A file's pixels as they are stored, which is what COLMAP and homographies between files go by.  By default
         they are turned the way that its EXIF orientation says, as by `cv2.imread`: one of 640x427 with orientation 6
         is read as 427x640, and its keypoints are in that frame.  OpenCV turns TIFF files in any case.
+    max_pixels : int, optional
+        A file whose header says more is not decoded: a megabyte may unpack to gigabytes.  None is no limit.
 
     Returns
     -------
-    (H, W), (H, W, 3) or (H, W, 4) array
+    (H, W), (H, W, 3) or, where the file has an alpha channel, (H, W, 4) array
 
     Raises
     ------
     ImageError
-        If the file is missing or no image.
+        If the file is missing, no regular file, no image, damaged or cut off, or has more than `max_pixels`.
     """
     if isinstance(image, np.ndarray):
         return image
     if not isinstance(image, (str, os.PathLike)):
         raise ImageError(f"an image is a numpy array or a path, not {type(image).__name__}")
-    path = os.fspath(image)
+    path = os.fsdecode(image)
     try:
-        data = np.fromfile(path, np.uint8)
-    except (OSError, ValueError) as error:
-        raise ImageError(f"{path}: {reason(error)}") from error
+        with open_regular(path) as file:
+            header = read_header(file)
+            _check_size(header, max_pixels)
+            file.seek(0)
+            data = np.fromfile(file, np.uint8) if header else np.frombuffer(file.read(HEAD), np.uint8)
+        return _decoded(data, header, ignore_exif)
+    except (OSError, ImageError, MemoryError) as error:
+        text = "not enough memory to read it" if isinstance(error, MemoryError) else reason(error)
+        raise ImageError(f"{path}: {text}") from error
+
+
+def _check_size(header: Header | None, max_pixels: int | None) -> None:
+    if header and max_pixels is not None and header.width * header.height > max_pixels:
+        raise ImageError(
+            f"{header.kind} of {header.width}x{header.height} pixels, more than {max_pixels:,} are not decoded unless "
+            "max_pixels (--max-pixels) allows it"
+        )
+
+
+def _decoded(data: npt.NDArray[np.uint8], header: Header | None, ignore_exif: bool) -> npt.NDArray[Any]:
     flags = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH | (cv2.IMREAD_IGNORE_ORIENTATION if ignore_exif else 0)
-    try:
-        pixels = cv2.imdecode(data, flags) if data.size else None
-    except cv2.error as error:
-        raise ImageError(f"{path}: not a readable image: {error}") from error
+    if header is None:
+        what = description(data.tobytes())
+        raise ImageError(f"not an image that OpenCV can decode{what and f': it is {what}'}")
+    whole = not is_cut_off(data.tobytes(), header)
+    pixels = _opencv(data, flags) if whole else None
     if pixels is None:
-        raise ImageError(f"{path}: not an image that OpenCV can decode")
-    return np.asarray(pixels)
+        why = "damaged, or of a variant that OpenCV can't decode" if whole else "cut off: data are missing at its end"
+        raise ImageError(f"the {header.kind} file is {why}")
+    if not header.alpha:
+        return pixels
+    return _with_alpha(pixels, _opencv(data, cv2.IMREAD_UNCHANGED))
+
+
+def _opencv(data: npt.NDArray[np.uint8], flags: int) -> npt.NDArray[Any] | None:
+    """The decoded pixels, or None."""
+    try:
+        return cv2.imdecode(data, flags)
+    except cv2.error:
+        return None
+
+
+def _with_alpha(pixels: npt.NDArray[Any], stored: npt.NDArray[Any] | None) -> npt.NDArray[Any]:
+    """`pixels` with the alpha channel of the same file, which OpenCV reads from it as it is `stored` only.
+
+    The way that the file's orientation turned `pixels` is the one that makes the stored colours equal to them.
+    """
+    if stored is None or stored.ndim != 3 or stored.shape[2] != 4:
+        return pixels
+    if pixels.ndim == 2:
+        pixels = cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR)
+    for turn in range(8):
+        turned = np.rot90(stored.transpose(1, 0, 2) if turn & 4 else stored, turn & 3)
+        if turned.shape[:2] == pixels.shape[:2] and np.array_equal(turned[:, :, :3], pixels):
+            return np.ascontiguousarray(turned)
+    return pixels if stored.shape[:2] != pixels.shape[:2] else np.dstack([pixels, stored[:, :, 3]])
 
 
 @contextmanager
@@ -75,7 +128,7 @@ def to_pixels(image: npt.NDArray[Any], spec: InputSpec) -> Array:
     Parameters
     ----------
     image : (H, W), (H, W, 1), (H, W, 3) or (H, W, 4) array
-        BGR as OpenCV reads it (a fourth channel is dropped); bool, uint8 and uint16 over their full range,
+        BGR as OpenCV reads it (a fourth channel is alpha: see `seen`); bool, uint8 and uint16 over their full range,
         floats in [0, 1], a rounding error of 1e-6 beyond cut off.  Any byte order.
 
     Returns
@@ -142,6 +195,48 @@ def resized(pixels: Array, size: tuple[int, int]) -> Array:
 def is_flat(pixels: Array) -> bool:
     """True where all pixels (H, W, C) have the same colour: such an image has no saliency to speak of."""
     return bool((pixels[0] == pixels[0, 0]).all() and (pixels == pixels[0, 0]).all())
+
+
+def seen(image: npt.NDArray[Any], mask: npt.ArrayLike | None) -> npt.NDArray[np.bool_] | None:
+    """Where a user's mask and the image's alpha allow keypoints, (H, W); None where that is everywhere.
+
+    Raises
+    ------
+    ImageError
+        As `to_mask`.
+    """
+    allowed = None if mask is None else to_mask(mask, (image.shape[0], image.shape[1]))
+    if image.ndim == 3 and image.shape[2] == 4:
+        opaque = image[:, :, 3] > 0
+        if not opaque.all():
+            allowed = opaque if allowed is None else allowed & opaque
+    return allowed
+
+
+def shrunk(mask: npt.NDArray[np.bool_], pixels: int) -> npt.NDArray[np.bool_]:
+    """The mask without what lies within so many pixels, along x and y, of a place that it leaves out."""
+    pixels = min(pixels, max(mask.shape))
+    if pixels == 0:
+        return mask
+    # One axis at a time: OpenCV's time then grows with the sides of the window and not with its area.
+    found = mask.view(np.uint8)
+    for side in ((2 * pixels + 1, 1), (1, 2 * pixels + 1)):
+        found = np.asarray(cv2.erode(found, np.ones(side, np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=1))
+    return found.view(np.bool_)
+
+
+def unused_range(image: npt.NDArray[Any]) -> float:
+    """By how much 16-bit pixels could be multiplied: cameras of 10 to 14 bits write them as they are.
+
+    Returns
+    -------
+    float
+        65535 over the largest number of as many bits as the image's maximum needs, 8 or more; 1 for other dtypes.
+    """
+    if image.dtype.kind != "u" or image.dtype.itemsize != 2:
+        return 1.0
+    bits = max(8, int(image.max()).bit_length())
+    return 65535.0 / float((1 << bits) - 1)
 
 
 def to_mask(mask: Any, size: tuple[int, int]) -> npt.NDArray[np.bool_]:

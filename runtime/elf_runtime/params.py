@@ -39,6 +39,19 @@ class DetectionParams:
     border : int
         Source pixels along each edge where no keypoint is taken: x and y are at least `border`, and at most
         ``size - 1 - border``.
+    mask_border : "auto" or int
+        Source pixels along the edge of a mask, or of what alpha leaves of an image, where no keypoint is taken.  "auto"
+        is as far as the network sees that edge: half its receptive field and half the `denoise` window, at the working
+        scale; `border` for a model that does not say what it sees.  0 for a mask that cuts through real scenery (an
+        object that moves, say): there is nothing wrong with its edge.
+    min_contrast : float
+        No keypoint where the image has less contrast than that many grey levels of 255: the standard deviation around
+        it of what a fitted plane leaves (see `contrast.contrast_map`), over the window that a cell of the network sees,
+        at least 11x11 working pixels.  All other levels are relative: without this one, a blank wall gives as many
+        keypoints as a photograph.  uint16 images have the fewest bits, 8 or more, that hold their largest value.
+    grid : (rows, columns)
+        Spread the keypoints: each cell of the image has a level of its own and an equal share of `max_keypoints`; what
+        a cell can't fill goes to the strongest left over.  (1, 1) takes the strongest wherever they are.
     max_keypoints : int
         The strongest that many are kept.
     scale : float
@@ -62,6 +75,9 @@ class DetectionParams:
     quantize: bool = False
     normalize: float = 1.0
     subpixel: bool = False
+    mask_border: str | int = "auto"
+    min_contrast: float = 1.5
+    grid: tuple[int, int] = (1, 1)
 
     def __post_init__(self) -> None:
         for name in ("denoise", "threshold_blur"):
@@ -86,7 +102,17 @@ class DetectionParams:
             raise SettingError(f"scale is a number in (0, 8], not {self.scale!r}")
         if not is_number(self.normalize) or not 0.0 < self.normalize <= 1.0:
             raise SettingError(f"normalize is a quantile in (0, 1], not {self.normalize!r}")
-        for name in ("threshold", "scale", "normalize"):
+        if not is_number(self.min_contrast) or not 0.0 <= self.min_contrast <= 255.0:
+            raise SettingError(f"min_contrast is a number of grey levels in [0, 255], not {self.min_contrast!r}")
+        near = self.mask_border
+        if not (near == "auto" if isinstance(near, str) else is_int(near) and near >= 0):
+            raise SettingError(f"mask_border is 'auto' or an integer >= 0, not {self.mask_border!r}")
+        grid = self.grid
+        if not (isinstance(grid, (tuple, list)) and len(grid) == 2 and all(is_int(n) and n >= 1 for n in grid)):
+            raise SettingError(f"grid is (rows, columns), integers >= 1, not {grid!r}")
+        object.__setattr__(self, "grid", (int(grid[0]), int(grid[1])))
+        object.__setattr__(self, "mask_border", near if isinstance(near, str) else int(near))
+        for name in ("threshold", "scale", "normalize", "min_contrast"):
             value = getattr(self, name)
             object.__setattr__(self, name, str(value) if isinstance(value, str) else float(value))
         for name in ("quantize", "subpixel"):
@@ -127,7 +153,7 @@ def is_number(value: object) -> bool:
     return is_int(value) or isinstance(value, (float, np.floating))
 
 
-_PAPER = DetectionParams(quantize=True)
+_PAPER = DetectionParams(quantize=True, min_contrast=0.0)
 
 # The paper's table of (denoise, threshold) blurs; a network that is not in it gets VGG's.
 _PAPER_BY_NETWORK: dict[str, DetectionParams] = {

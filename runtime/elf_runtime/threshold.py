@@ -10,6 +10,7 @@ from .params import Blur, DetectionParams
 
 Array = npt.NDArray[np.float32]
 Scores = npt.NDArray[np.number]  # float32 or uint8
+Mask = npt.NDArray[np.bool_]
 
 
 def kapur(histogram: npt.NDArray[np.integer] | npt.NDArray[np.floating]) -> int:
@@ -54,21 +55,24 @@ def gaussian(image: Scores, blur: Blur) -> Scores:
     return np.asarray(cv2.GaussianBlur(image, (size, size), sigma))
 
 
-def normalized(saliency: Array, params: DetectionParams) -> Scores:
+def normalized(saliency: Array, params: DetectionParams, allowed: Mask | None = None) -> Scores:
     """`saliency` scaled so that its maximum, or the quantile ``params.normalize``, becomes 255.
 
     Parameters
     ----------
     saliency : (H, W) float32, >= 0
+    allowed : (H, W) bool, optional
+        Where keypoints may be, if not everywhere: maximum and quantile are those of these pixels.
 
     Returns
     -------
     (H, W) float32, >= 0, above 255 only beyond the quantile; where ``params.quantize``, uint8, saturating at 255.
     All zero for an all-zero map.
     """
-    top = quantile(saliency, params.normalize)
+    values = saliency if allowed is None else saliency[allowed]
+    top = quantile(values, params.normalize)
     if not top > 0.0:
-        top = float(saliency.max(initial=0.0))
+        top = float(values.max(initial=0.0))
     scaled = saliency * np.float32(255.0 / top) if top > 0.0 else np.zeros(saliency.shape, np.float32)
     return _cut(scaled, out=scaled).astype(np.uint8) if params.quantize else scaled
 
@@ -104,8 +108,8 @@ def scores_and_mask(saliency: Array, params: DetectionParams) -> tuple[Array, np
     return scores.astype(np.float32, copy=False), passing(scores, smooth, params)
 
 
-def blurred(saliency: Array, params: DetectionParams) -> tuple[Scores, Scores]:
-    """The two blurs of the normalised saliency.
+def blurred(saliency: Array, params: DetectionParams, allowed: Mask | None = None) -> tuple[Scores, Scores]:
+    """The two blurs of the saliency, `normalized`.
 
     Returns
     -------
@@ -114,7 +118,7 @@ def blurred(saliency: Array, params: DetectionParams) -> tuple[Scores, Scores]:
     smooth : (H, W) float32 in [0, 255]; uint8 where ``params.quantize``
         Blurred by `threshold_blur`: Kapur's level is chosen from it.  `scores` where none is.
     """
-    level_map = normalized(saliency, params)
+    level_map = normalized(saliency, params, allowed)
     scores = gaussian(level_map, params.denoise)
     if params.threshold != "kapur":
         return scores, scores
@@ -124,26 +128,33 @@ def blurred(saliency: Array, params: DetectionParams) -> tuple[Scores, Scores]:
     return scores, gaussian(level_map, params.threshold_blur)
 
 
-def passing(scores: Scores, smooth: Scores, params: DetectionParams) -> npt.NDArray[np.bool_]:
-    """The pixels whose score reaches the level: Kapur's of `smooth`, or a fixed fraction of the range.
+def passing(scores: Scores, smooth: Scores, params: DetectionParams, allowed: Mask | None = None) -> Mask:
+    """The pixels, of those `allowed`, whose score reaches the level: Kapur's of `smooth`, or a fraction of the range.
 
     The level comes from the one blur and is held against the other: the paper chooses it on the map blurred for
-    that and then keeps the maxima of the denoised map above it.
+    that and then keeps the maxima of the denoised map above it.  What is not allowed has no part in the level: the
+    edge of a black surround would raise it.
 
     Returns
     -------
     (H, W) bool
     """
+    passed = scores >= level if (level := _level(scores, smooth, params, allowed)) > 0 else scores > 0
+    return passed if allowed is None else passed & allowed
+
+
+def _level(scores: Scores, smooth: Scores, params: DetectionParams, allowed: Mask | None) -> float:
+    """The lowest score that passes; 0 where all above 0 do: a zero score is no keypoint, whatever the level."""
     if params.threshold == "none":
-        return scores > 0
+        return 0.0
     if params.threshold == "kapur":
         # A float map has the same 256 bins as an 8-bit one: [i, i+1), the last one closed.
         # Counts come as float32: exact up to 2^24 pixels in one bin.
-        counts = cv2.calcHist([smooth.astype(np.uint8, copy=False)], [0], None, [256], [0, 256]).ravel()
+        of = None if allowed is None else allowed.view(np.uint8)
+        counts = cv2.calcHist([smooth.astype(np.uint8, copy=False)], [0], of, [256], [0, 256]).ravel()
         level = float(kapur(counts) + 1)  # the lowest value of the bins above; 0 where one bin holds everything
     else:
         level = 255.0 * float(params.threshold)
     if scores.dtype == np.uint8:
         level = int(np.ceil(np.float32(level)))  # the same pixels, without a detour through floats
-    # A zero score is no keypoint, whatever the level.
-    return scores >= level if level > 0 else scores > 0
+    return level

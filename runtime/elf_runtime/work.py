@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -12,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from . import image as images
-from .contract import InputSpec
+from .contract import ModelContract
+from .contrast import window_for
 from .errors import ImageError, SettingError
 from .image import Array
 from .params import DetectionParams
@@ -27,6 +29,8 @@ class Work:
     scale: float
     mask: npt.NDArray[np.bool_] | None  # (H, W)
     textured: bool
+    window: int  # side of the window that contrast is measured in, in working pixels
+    gray_levels: float  # of 255, per unit of the pixels
 
     @property
     def _ratio(self) -> npt.NDArray[np.float64]:
@@ -92,9 +96,11 @@ class Work:
 
 
 def prepared(
-    array: npt.NDArray[Any], params: DetectionParams, mask: npt.ArrayLike | None, spec: InputSpec, name: str
+    array: npt.NDArray[Any], params: DetectionParams, mask: npt.ArrayLike | None, contract: ModelContract, name: str
 ) -> Work:
-    """The image at the working size, as the model `name` takes it.
+    """The image at the working size, as the model `name` takes it, and where keypoints may be.
+
+    That is where the mask, if there is one, is not zero, nor the image's alpha, and not near the edge of that.
 
     Raises
     ------
@@ -103,6 +109,7 @@ def prepared(
     SettingError
         On a working scale, where the model takes one size only.
     """
+    spec = contract.input
     pixels = images.to_pixels(array, spec)
     size = (pixels.shape[0], pixels.shape[1])
     if min(size) < spec.min_size:
@@ -117,7 +124,20 @@ def prepared(
     pixels = images.resized(pixels, spec.size_for(size[0], size[1], scale))
     if spec.is_fixed:
         scale = float(np.sqrt(pixels.shape[0] / size[0] * pixels.shape[1] / size[1]))
-    return Work(pixels, size, scale, images.to_mask(mask, size) if mask is not None else None, textured)
+    allowed = images.seen(array, mask)
+    if allowed is not None:
+        allowed = images.shrunk(allowed, _mask_border(params, contract.receptive_field, scale))
+    gray_levels = 255.0 / spec.value_range * images.unused_range(array)
+    return Work(pixels, size, scale, allowed, textured, window_for(contract.receptive_field), gray_levels)
+
+
+def _mask_border(params: DetectionParams, receptive_field: float, scale: float) -> int:
+    """How many source pixels keypoints keep away from a mask's edge: see `DetectionParams.mask_border`."""
+    if not isinstance(params.mask_border, str):
+        return params.mask_border
+    if not receptive_field:
+        return params.border
+    return math.ceil((receptive_field - 1 + params.denoise[0] - 1) / 2 / scale)
 
 
 def as_points(points: Any) -> Array:

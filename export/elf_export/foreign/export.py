@@ -36,7 +36,7 @@ from elf_export.passes import convert_opset, cut, opset_of, single_precision, ta
 from elf_export.precision import check_precision, lower
 from elf_export.preprocessing import Preprocessing
 from elf_export.projection import Reduction
-from elf_export.receptive_field import Field, measured, receptive_fields
+from elf_export.receptive_field import Field, measured, receptive_fields, stated
 from elf_export.reduce import arguments as reduction_arguments
 from elf_export.reduce import reduce_descriptors
 from elf_export.saliency import build_gradient, build_saliency, descriptor_output
@@ -211,6 +211,7 @@ def export_onnx(
         network=Path(file).stem,
         layer=name,
         stride=fields[name].stride,
+        receptive_field=stated(fields[name].size),
         input=spec,
         descriptors=descriptor_specs(saliency, described, fields, reductions),
         detection=params,

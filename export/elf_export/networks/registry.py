@@ -95,7 +95,8 @@ class Network:
 
     @property
     def detection(self) -> DetectionParams:
-        return preset("paper", self.name).updated(quantize=False)
+        # Not the paper's 8 bits, and nothing on a blank wall.
+        return preset("paper", self.name).updated(quantize=False, min_contrast=DetectionParams.min_contrast)
 
     def check_layers(self, layers: Sequence[str]) -> None:
         """Raise LayerError on an unknown layer, naming the known ones."""

@@ -136,8 +136,8 @@ def _endings(args: argparse.Namespace) -> list[str]:
 
 def _read_mask(path: str, ignore_exif: bool) -> Any:
     mask = images.read(path, ignore_exif=ignore_exif)
-    # A colour picture of a mask, or one with an alpha channel: black is black in all of its colours.
-    return mask if mask.ndim == 2 else mask[:, :, :3].any(axis=2)
+    # A colour picture of a mask: black is black in all of its colours.  What alpha leaves out counts as black.
+    return mask if mask.ndim == 2 else mask[:, :, :3].any(axis=2) & (mask[:, :, 3:] > 0).all(axis=2)
 
 
 def _write_summary(args: argparse.Namespace, elf: ElfRuntime, results: list[dict[str, Any]]) -> None:

@@ -91,7 +91,7 @@ def _work(args: argparse.Namespace) -> int:
         report["gflop_per_megapixel"] = gflop_per_megapixel(contract)
         if args.image is not None:
             with named(args.image):
-                prepared(image, contract.detection, None, contract.input, str(path))
+                prepared(image, contract.detection, None, contract, str(path))
         asked: Provider | None = (args.provider, options) if options else args.provider
         wanted = resolve_providers(asked, fallback=False) if asked else ort.get_available_providers()
         runs = [_measured(path, contract, provider, image) for provider in wanted]

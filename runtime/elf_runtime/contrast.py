@@ -1,0 +1,64 @@
+"""How much of an image there is around a place, in grey levels: what tells a texture from a blank wall's noise."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float32]
+
+LEAST_WINDOW = 11  # working pixels; smaller ones would call a blurred edge blank
+
+
+def window_for(receptive_field: float) -> int:
+    """The side of the window, odd: what a cell of the feature map sees, and at least 11 working pixels."""
+    return max(LEAST_WINDOW, int(receptive_field)) | 1
+
+
+def contrast_map(pixels: Array, window: int) -> Array:
+    """Standard deviation in the window around each pixel of what the plane fitted to it leaves.
+
+    With x, y = -r ... r over the window and E the mean over it,
+
+        contrast^2 = E[g^2] - E[g]^2 - (E[x g]^2 + E[y g]^2) / E[x^2],   E[x^2] = E[y^2] = r (r + 1) / 3,
+
+    averaged over the channels.  A ramp (a wall lit from the side) has none; white noise of deviation s has about s.
+
+    Parameters
+    ----------
+    pixels : (h, w, C) float32
+        Mirrored at the border.
+    window : int, odd
+
+    Returns
+    -------
+    (h, w) float32, in the unit of the pixels
+    """
+    r = window // 2
+    centred = pixels - np.float32(pixels.mean())  # small numbers: a square loses fewer digits
+    ones, ramp = np.ones(window) / window, np.arange(-r, r + 1) / window
+    mean, along_x, along_y = (
+        _channels(cv2.sepFilter2D(centred, cv2.CV_32F, kx, ky)) for kx, ky in ((ones, ones), (ramp, ones), (ones, ramp))
+    )
+    square = _channels(cv2.sqrBoxFilter(centred, cv2.CV_32F, (window, window)))
+    left = square - mean**2 - (along_x**2 + along_y**2) / np.float32(r * (r + 1) / 3)
+    return np.asarray(np.sqrt(np.maximum(left.mean(axis=2), 0)), np.float32)
+
+
+def contrast_at(pixels: Array, points: npt.NDArray[np.int64], window: int) -> Array:
+    """`contrast_map` at (N, 2) points (x, y), without the rest of the map."""
+    r = window // 2
+    framed = _channels(cv2.copyMakeBorder(pixels, r, r, r, r, cv2.BORDER_REFLECT_101))
+    windows = np.lib.stride_tricks.sliding_window_view(framed, (window, window), axis=(0, 1))
+    around = windows[points[:, 1], points[:, 0]].astype(np.float64)  # (N, C, window, window)
+    around -= around.mean(axis=(2, 3), keepdims=True)
+    ramp = np.arange(-r, r + 1.0)
+    slopes = np.einsum("nckl,l->nc", around, ramp) ** 2 + np.einsum("nckl,k->nc", around, ramp) ** 2
+    left = (around**2).mean(axis=(2, 3)) - slopes / window**4 / (r * (r + 1) / 3)
+    return np.asarray(np.sqrt(np.maximum(left.mean(axis=1), 0)), np.float32)
+
+
+def _channels(found: npt.NDArray[np.floating]) -> Array:
+    """(h, w, C): OpenCV drops the axis of a single channel."""
+    return np.asarray(found[:, :, None] if found.ndim == 2 else found, np.float32)

@@ -1,0 +1,157 @@
+"""Masks and alpha channels: no keypoints where there is no image, nor where the network sees the edge of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from elf_runtime import DetectionParams, ElfRuntime, SettingError
+from elf_runtime.commands import detect as detect_command
+from elf_runtime.image import read, shrunk
+from elf_runtime.threshold import blurred, passing
+from helpers import ROOT, textured
+
+
+@pytest.fixture(scope="module")
+def elf() -> ElfRuntime:
+    return ElfRuntime(threads=1)
+
+
+@pytest.fixture(scope="module")
+def scene() -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+    """A photograph that lies askew on black ground, and what of the frame it covers."""
+    photo = cv2.imread(str(ROOT / "demo" / "palace.jpg"))
+    height, width = photo.shape[:2]
+    turn = cv2.getRotationMatrix2D((width / 2, height / 2), 25, 0.8)
+    whole = np.full((height, width), 255, np.uint8)
+    return (
+        np.asarray(cv2.warpAffine(photo, turn, (width, height)), np.uint8),
+        np.asarray(cv2.warpAffine(whole, turn, (width, height), flags=cv2.INTER_NEAREST), np.uint8),
+    )
+
+
+def distance_to_edge(mask: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """How many pixels, along x or y whichever is more, each point is away from what the mask leaves out."""
+    x, y = np.rint(points).astype(int).T
+    framed = np.pad(mask, 200, mode="edge")
+    return np.asarray(cv2.distanceTransform(framed, cv2.DIST_C, 3)[y + 200, x + 200])
+
+
+@pytest.mark.parametrize(("preset", "least"), [("fast", 20), ("default", 15), ("accurate", 10)])
+def test_keypoints_keep_away_from_a_mask_s_edge(
+    elf: ElfRuntime, scene: tuple[np.ndarray, np.ndarray], preset: str, least: int
+) -> None:
+    """Half of relu2_1's field of 10 pixels and half the blur's window, at the working scale."""
+    picture, mask = scene
+    found = elf.detect(picture, preset=preset, mask=mask)
+    assert len(found) > 300
+    assert distance_to_edge(mask, found.keypoints).min() > least
+    near = elf.detect(picture, preset=preset, mask=mask, mask_border=0)
+    assert distance_to_edge(mask, near.keypoints).min() <= 3
+    some = elf.detect(picture, preset=preset, mask=mask, mask_border=40)
+    assert distance_to_edge(mask, some.keypoints).min() > 40
+
+
+def test_alpha_is_a_mask_as_array_and_as_file(
+    elf: ElfRuntime, scene: tuple[np.ndarray, np.ndarray], tmp_path: Path
+) -> None:
+    picture, mask = scene
+    wanted = elf.detect(picture, mask=mask).keypoints
+    with_alpha = np.dstack([picture, mask])
+    np.testing.assert_array_equal(elf.detect(with_alpha).keypoints, wanted)
+    np.testing.assert_array_equal(elf.detect_batch([with_alpha, picture], masks=[None, mask])[0].keypoints, wanted)
+    cv2.imwrite(str(tmp_path / "a.png"), with_alpha)
+    np.testing.assert_array_equal(elf.detect(tmp_path / "a.png").keypoints, wanted)
+    # These writers put other colours where nothing is to be seen.
+    for name, options in (("a.tiff", []), ("a.webp", [cv2.IMWRITE_WEBP_QUALITY, 101])):
+        cv2.imwrite(str(tmp_path / name), with_alpha, options)
+        found = elf.detect(tmp_path / name)
+        assert len(found) == len(wanted)
+        assert distance_to_edge(mask, found.keypoints).min() > 14
+    deep = with_alpha.astype(np.uint16) * np.uint16(257)
+    cv2.imwrite(str(tmp_path / "deep.png"), deep)
+    assert read(tmp_path / "deep.png").shape == deep.shape
+    assert distance_to_edge(mask, elf.detect(tmp_path / "deep.png").keypoints).min() > 14
+
+
+def test_mask_and_alpha_together(elf: ElfRuntime, scene: tuple[np.ndarray, np.ndarray]) -> None:
+    picture, mask = scene
+    left = np.zeros(mask.shape, np.uint8)
+    left[:, :300] = 1
+    both = elf.detect(np.dstack([picture, mask]), mask=left).keypoints
+    np.testing.assert_array_equal(both, elf.detect(picture, mask=(mask > 0) & (left > 0)).keypoints)
+
+
+def test_only_alpha_of_zero_is_no_image(elf: ElfRuntime) -> None:
+    image = textured(160, 200)
+    faint = np.dstack([image, np.full((160, 200), 1, np.uint8)])
+    np.testing.assert_array_equal(elf.detect(faint).keypoints, elf.detect(image).keypoints)
+    assert len(elf.detect(np.dstack([image, np.zeros((160, 200), np.uint8)]))) == 0
+
+
+def test_a_mask_file_with_alpha(scene: tuple[np.ndarray, np.ndarray], tmp_path: Path) -> None:
+    """White where it counts, and cut out: what is cut out does not count."""
+    picture, mask = scene
+    cv2.imwrite(str(tmp_path / "photo.png"), picture)
+    cv2.imwrite(str(tmp_path / "mask.png"), np.dstack([np.full_like(picture, 255), mask]))
+    command = ["--mask", str(tmp_path / "mask.png"), "--no-picture", "-o", str(tmp_path / "out")]
+    assert detect_command.main([str(tmp_path / "photo.png"), *command]) == 0
+    found = np.load(next((tmp_path / "out").rglob("photo*.npz")))["keypoints"]
+    assert len(found) > 300
+    assert distance_to_edge(mask, found).min() > 14
+
+
+@pytest.mark.parametrize("settings", [{}, {"normalize": 0.95}, {"quantize": True}, {"normalize": 0.9, "quantize": True}])
+def test_what_is_no_image_does_not_set_the_level(settings: dict[str, float]) -> None:
+    """The edge of a bright surround is stronger than anything in the picture."""
+    params = DetectionParams(**settings)  # type: ignore[arg-type]
+    saliency = textured(80, 120)[:, :, 0].astype(np.float32)
+    surround, allowed = saliency.copy(), np.ones((80, 120), np.bool_)
+    allowed[:, 60:] = False
+    surround[:, 70:] *= 50
+    alone = np.ascontiguousarray(surround[:, :70])
+    found = passing(*blurred(surround, params, allowed), params, allowed)
+    wanted = passing(*blurred(alone, params, allowed[:, :70].copy()), params, allowed[:, :70].copy())
+    assert 0.02 < wanted.mean() < 0.9
+    np.testing.assert_array_equal(found[:, :70], wanted)
+    assert not found[:, 60:].any()
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_alpha_turns_with_the_picture(tmp_path: Path, orientation: int) -> None:
+    """A PNG may carry an orientation too; OpenCV obeys it for the colours only."""
+    image = np.dstack([textured(40, 60), textured(40, 60, 1)[:, :, 0]])
+    data = cv2.imencode(".png", image)[1].tobytes()
+    exif = b"MM\0*\0\0\0\x08\0\1\x01\x12\0\3\0\0\0\1" + bytes([0, orientation, 0, 0]) + bytes(4)
+    import zlib
+
+    chunk = len(exif).to_bytes(4, "big") + b"eXIf" + exif + zlib.crc32(b"eXIf" + exif).to_bytes(4, "big")
+    (tmp_path / "turned.png").write_bytes(data[:33] + chunk + data[33:])
+    found = read(tmp_path / "turned.png")
+    colours = cv2.imread(str(tmp_path / "turned.png"))
+    np.testing.assert_array_equal(found[:, :, :3], colours)
+    turns = {tuple(row) for row in np.dstack([found]).reshape(-1, 4).tolist()}
+    assert turns == {tuple(row) for row in image.reshape(-1, 4).tolist()}  # each pixel kept its own alpha
+
+
+@pytest.mark.parametrize("pixels", [0, 1, 5, 100])
+def test_shrinking_is_a_plain_loop_s(pixels: int) -> None:
+    rng = np.random.default_rng(pixels)
+    mask = rng.random((30, 41)) > 0.01
+    wanted = mask.copy()
+    for y, x in np.argwhere(~mask):
+        wanted[max(0, y - pixels) : y + pixels + 1, max(0, x - pixels) : x + pixels + 1] = False
+    np.testing.assert_array_equal(shrunk(mask, pixels), wanted)
+
+
+@pytest.mark.parametrize("value", ["wide", -1, 2.5, None, True, np.zeros(2)])
+def test_a_mask_border_is_auto_or_pixels(elf: ElfRuntime, value: object) -> None:
+    if value is None:
+        assert elf.params(mask_border=None).mask_border == "auto"
+        return
+    with pytest.raises(SettingError, match="mask_border is 'auto' or an integer >= 0"):
+        elf.params(mask_border=value)
