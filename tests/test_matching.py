@@ -98,6 +98,35 @@ def test_features_and_empty_sides() -> None:
     assert match(unit(3, 16, 0), nothing).shape == (0, 2)
 
 
+@pytest.mark.parametrize("ratio", [None, 0.8])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.float16, np.int32, np.uint16])
+def test_rows_of_any_length_go_by_their_distance(dtype: type, ratio: float | None) -> None:
+    rng = np.random.default_rng(0)
+    a = rng.uniform(0, 100, (60, 16)) * rng.uniform(0.1, 3, (60, 1))
+    b = np.concatenate([a[:40][::-1] + rng.uniform(0, 20, (40, 16)), rng.uniform(0, 200, (25, 16))])
+    a, b = a.astype(dtype), b.astype(dtype)
+    wanted = plain(a.astype(np.float64), b.astype(np.float64), ratio)
+    assert len(wanted) > 20
+    assert match(a, b, ratio).tolist() == wanted
+
+
+def test_a_row_far_from_unit_length_is_nearest_to_itself() -> None:
+    rows = unit(200, 32, 0) * np.geomspace(1e-3, 1e3, 200, dtype=np.float32)[:, None]
+    assert match(rows, rows).tolist() == [[i, i] for i in range(200)]
+
+
+def test_bits_and_transposed_arrays_are_refused() -> None:
+    with pytest.raises(SettingError, match=r"the second side is of uint8: .*NORM_HAMMING"):
+        match(unit(3, 32, 0), np.ones((3, 32), np.uint8))
+    for scale in (1.0, 512.0):
+        columns = scale * unit(40, 16, 0).T
+        with pytest.raises(SettingError, match=r"the first side .* shape \(16, 40\) looks like \(D, N\)"):
+            match(columns, columns)
+    for shape in ((16,), (2, 3, 16)):
+        with pytest.raises(SettingError, match="can't be compared"):
+            match(np.ones(shape, np.float32), unit(3, 16, 0))
+
+
 def test_what_cannot_be_compared() -> None:
     with pytest.raises(SettingError, match="can't be compared"):
         match(unit(3, 16, 0), unit(3, 8, 0))

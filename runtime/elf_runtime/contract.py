@@ -19,11 +19,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, get_type_hints
 
-from .errors import ContractError, SettingError
+from .errors import ContractError, SettingError, first_line
 from .params import DetectionParams
 
 SCHEMA_VERSION = 1
 KEY_PREFIX = "elf."
+
+# What a contract may say at most: more is a damaged file, not a model.
+LARGEST_SIDE = 8192  # pixels, and values of a descriptor
+LARGEST_MULTIPLE = 1024  # pixels
+LARGEST_NUMBER = 1e15
 
 
 @dataclass(frozen=True)
@@ -61,11 +66,15 @@ class InputSpec:
             )
         if self.channels != (1 if self.color == "gray" else 3):
             raise ValueError(f"{self.channels} channels do not fit color {self.color!r}")
-        if self.height < 0 or self.width < 0 or self.batch not in (0, 1) or self.multiple < 1:
+        sizes = min(self.height, self.width) >= 0 and max(self.height, self.width, self.min_size) <= LARGEST_SIDE
+        if not sizes or self.min_size < 1 or self.batch not in (0, 1) or not 1 <= self.multiple <= LARGEST_MULTIPLE:
             raise ValueError(
-                f"height {self.height}, width {self.width}, batch {self.batch}, multiple {self.multiple}; sizes are "
-                "0 where free, the batch is 0 or 1, the multiple at least 1"
+                f"height {self.height}, width {self.width}, min_size {self.min_size}, batch {self.batch}, "
+                f"multiple {self.multiple}; sizes are 0 where free and at most {LARGEST_SIDE}, the batch is 0 or 1, "
+                f"the multiple 1 to {LARGEST_MULTIPLE}"
             )
+        if self.value_range <= 0:
+            raise ValueError(f"value_range {self.value_range}; a saturated pixel has a value above 0")
 
     @property
     def is_fixed(self) -> bool:
@@ -133,7 +142,7 @@ class DescriptorSpec:
     reduction: ReductionSpec | None = None
 
     def check(self) -> None:
-        if self.dim < 1 or self.stride <= 0:
+        if not 1 <= self.dim <= LARGEST_SIDE or self.stride <= 0:
             raise ValueError(f"descriptor {self.layer!r} has dim {self.dim} and stride {self.stride}")
 
 
@@ -215,11 +224,11 @@ class ModelContract:
                 f"elf-export --onnx {file} --layer NAME --desc none (elf-export --onnx {file} --list shows the layers)"
             )
         again = (
-            metadata.get(KEY_PREFIX + "command", "").strip('"') or "elf-export --net NETWORK --layer LAYER"
+            metadata.get(KEY_PREFIX + "command", "").strip('"')[:500] or "elf-export --net NETWORK --layer LAYER"
         )
         hint = f"This runtime reads schema {SCHEMA_VERSION}. Export it again: {again}"
         if metadata[key] != str(SCHEMA_VERSION):
-            raise ContractError(f"{file}: metadata key {key!r} is {metadata[key]}. {hint}")
+            raise ContractError(f"{file}: metadata key {key!r} is {metadata[key][:100]}. {hint}")
         fields = {k[len(KEY_PREFIX) :]: v for k, v in metadata.items() if k.startswith(KEY_PREFIX)}
         del fields["schema"]
         values: dict[str, Any] = {}
@@ -227,16 +236,18 @@ class ModelContract:
             if name not in cls.__dataclass_fields__:
                 continue  # a later minor version may say more
             try:
-                values[name] = _decode(name, json.loads(text))
-            except (ValueError, TypeError, KeyError, AttributeError, SettingError) as error:
+                values[name] = _decode(name, _plain_data(text))
+            except (ValueError, TypeError, KeyError, AttributeError, RecursionError, SettingError) as error:
                 raise ContractError(
-                    f"{file}: metadata key 'elf.{name}' is unreadable: {error}. {hint}"
+                    f"{file}: metadata key 'elf.{name}' is unreadable: {first_line(error)}. {hint}"
                 ) from error
         missing = [
             name for name in ("network", "layer", "stride", "input", "descriptors") if name not in values
         ]
         if missing:
             raise ContractError(f"{file}: metadata key 'elf.{missing[0]}' is missing. {hint}")
+        if values["stride"] == 0:
+            raise ContractError(f"{file}: metadata key 'elf.stride' is 0. {hint}")
         return cls(**values)
 
     def check_tensors(self, inputs: Sequence[Any], outputs: Sequence[Any], file: str) -> None:
@@ -247,7 +258,7 @@ class ModelContract:
         ContractError
             Naming the file, the key and both sides of the disagreement.
         """
-        hint = f"Export it again: {self.command or 'elf-export ...'}"
+        hint = f"Export it again: {self.command[:500] or 'elf-export ...'}"
         if len(inputs) != 1 or inputs[0].name != self.input.name:
             names = [tensor.name for tensor in inputs]
             raise ContractError(
@@ -317,11 +328,35 @@ def _decode(name: str, value: Any) -> Any:
         return DetectionParams.from_dict(value)
     kind = get_type_hints(ModelContract)[name]
     if kind is float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or value < 0:
+            raise ValueError(f"expected a number of at least 0, found {value!r}")
         return float(value)
     if kind is str and not isinstance(value, str):
         raise TypeError(f"expected text, found {value!r}")
-    if kind not in (float, str) and not isinstance(value, dict):
-        raise TypeError(f"expected an object, found {value!r}")
+    if kind not in (float, str):
+        if not isinstance(value, dict):
+            raise TypeError(f"expected an object, found {value!r}")
+        wanted: Any = str if name == "versions" else (int, float)
+        wrong = [key for key, entry in value.items() if isinstance(entry, bool) or not isinstance(entry, wanted)]
+        if wrong:
+            raise TypeError(f"{wrong[0]!r} is {value[wrong[0]]!r}")
+    return value
+
+
+def _plain_data(text: str) -> Any:
+    """The value of a JSON text, whose numbers are finite and no larger than any that a contract needs."""
+    return json.loads(text, parse_int=_integer, parse_float=_real, parse_constant=_real)
+
+
+def _integer(digits: str) -> int:
+    _real(digits)
+    return int(digits)
+
+
+def _real(digits: str) -> float:
+    value = float(digits)
+    if not abs(value) <= LARGEST_NUMBER:
+        raise ValueError(f"a number is {digits[:40]}, and not between -{LARGEST_NUMBER:g} and {LARGEST_NUMBER:g}")
     return value
 
 

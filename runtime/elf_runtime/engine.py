@@ -18,6 +18,7 @@ from .errors import ElfError, ImageError, SettingError, first_line
 from .features import Features
 from .image import Array, ImageLike
 from .maxima import maxima
+from .outputs import check_descriptors, check_map, check_saliency
 from .params import DetectionParams, is_int, preset
 from .refine import parabola_peaks
 from .session import Provider, bundled_model, is_cpu, read_model, resolve_providers
@@ -336,7 +337,13 @@ class ElfRuntime:
         if len(where) == 0:
             return np.zeros((0, spec.dim), np.float32)
         maps = self._run(work.pixels[None], [spec], saliency=False)[1]
-        return sample(maps[spec.output][0], work.to_working(where), spec.stride, spec.offset)
+        return self._described(maps[spec.output][0], work.to_working(where), spec)
+
+    def _described(self, feature_map: Array, points: Array, spec: DescriptorSpec) -> Array:
+        with np.errstate(invalid="ignore", over="ignore"):  # an error of its own follows
+            rows = sample(feature_map, points, spec.stride, spec.offset)
+        check_descriptors(rows, feature_map, spec, self._name)
+        return rows
 
     def warmup(
         self, size: tuple[int, int] = (480, 640), scale: float | None = None, preset: str | None = None
@@ -403,6 +410,11 @@ class ElfRuntime:
             reason = first_line(error)
             raise ElfError(f"{self._name}: the network failed on a {pixels.shape} input: {reason}") from error
         by_name = dict(zip(names, values, strict=True))
+        shape = (pixels.shape[0], pixels.shape[1], pixels.shape[2])
+        if saliency:
+            check_saliency(by_name[self.contract.saliency_output], shape, self._name)
+        for spec in specs:
+            check_map(by_name[spec.output], spec, shape, self._name)
         return by_name.get(self.contract.saliency_output, np.zeros((len(pixels), 0, 0), np.float32)), by_name
 
     def _finish(
@@ -441,6 +453,6 @@ class ElfRuntime:
                 points = work.kept_inside(parabola_peaks(values, found), found, params.border)
             descriptors = np.zeros((len(points), dim), np.float32)
             if spec is not None and len(points):
-                descriptors = sample(maps[spec.output][index], points, spec.stride, spec.offset)
+                descriptors = self._described(maps[spec.output][index], points, spec)
         features = Features(work.to_source(points), best, descriptors, work.size, params.nms_radius)
         return Trace(features, saliency, values, mask, watch.seconds)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import secrets
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -36,7 +37,8 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     OSError
         If the system refuses, naming `path` and not the neighbour, of which nothing is left.
     """
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    # A name of its own for every writer: processes on several machines, threads, and names near the system's limit.
+    temporary = path.with_name(f".{path.stem[:40]}.{secrets.token_hex(8)}.part{path.suffix}")
     try:
         write(temporary)
         os.replace(temporary, path)

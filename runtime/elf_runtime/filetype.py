@@ -93,8 +93,8 @@ def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
         raise OSError("embedded null byte in the name")
     mode = os.stat(path).st_mode
     if stat.S_ISDIR(mode):
-        raise OSError("a folder, not a file")
+        raise OSError("not a file but a folder")
     if not stat.S_ISREG(mode):
         kinds = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
-        raise OSError(f"{kinds.get(stat.S_IFMT(mode), 'something')}, not a regular file")
+        raise OSError(f"not a file but {kinds.get(stat.S_IFMT(mode), 'something else')}")
     return Path(path).open("rb")

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import os
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 
-from .errors import ModelError
+from .errors import ModelError, reason
+from .filetype import HEAD, description, open_regular
 from .protobuf import Message, WireError
 
 # TensorProto.DataType: name and bytes of an element (0.5: two to a byte); text has no fixed size.
@@ -79,15 +80,54 @@ def read_onnx(source: str | os.PathLike[str] | bytes) -> OnnxFile:
     ModelError
         If it can't be read, is cut off, or is no ONNX model.
     """
-    name = "<model bytes>" if isinstance(source, bytes) else os.fspath(source)
+    name = "<model bytes>" if isinstance(source, bytes) else os.fsdecode(source)
     try:
-        data = source if isinstance(source, bytes) else Path(source).read_bytes()
+        data = source if isinstance(source, bytes) else _content(source)
     except OSError as error:
-        raise ModelError(f"{name}: {error.strerror or error}") from error
+        raise ModelError(f"{name}: {reason(error)}") from error
     try:
         return _model(memoryview(data))
     except WireError as error:
-        raise ModelError(f"{name}: not an ONNX model, or cut off: {error}") from None
+        what = description(data[:HEAD])
+        why = f"it is {what}" if what else f"or cut off: {error}"
+        raise ModelError(f"{name}: not an ONNX model{':' if what else ','} {why}") from None
+
+
+def _content(path: str | os.PathLike[str]) -> bytes:
+    with open_regular(path) as file:
+        return file.read()
+
+
+def has_external_data(data: bytes) -> bool:
+    """Whether a model keeps tensors in files of their own: ONNX Runtime would look for them in the current folder.
+
+    False for bytes that are no ONNX model.
+    """
+    if b"location" not in data:  # the key that names such a file
+        return False
+    try:
+        model = Message(memoryview(data))
+        bodies = [node for part in model.parts(25) for node in Message(part).parts(7)]  # of functions
+        return any(map(_is_external, model.parts(7))) or _has_external_tensors(bodies, 0)
+    except WireError:
+        return False
+
+
+def _is_external(data: memoryview, depth: int = 0) -> bool:
+    """Whether a graph has such tensors: initializers, or in its nodes' attributes, at any depth."""
+    graph = Message(data)
+    stored = any(Message(part).integer(14) == 1 for part in graph.parts(5))
+    return stored or _has_external_tensors(graph.parts(1), depth)
+
+
+def _has_external_tensors(nodes: Iterable[memoryview], depth: int) -> bool:
+    for attribute in (Message(part) for node in nodes for part in Message(node).parts(5)):
+        if any(Message(part).integer(14) == 1 for part in (*attribute.parts(5), *attribute.parts(10))):
+            return True
+        inner = (*attribute.parts(6), *attribute.parts(11))
+        if depth < _MAX_DEPTH and any(_is_external(part, depth + 1) for part in inner):
+            return True
+    return False
 
 
 def _model(data: memoryview) -> OnnxFile:

@@ -12,6 +12,8 @@ import onnxruntime as ort
 
 from .contract import ModelContract
 from .errors import ModelError, first_line
+from .files import write_atomically
+from .forking import opened
 from .onnx_file import read_onnx
 
 _MARK = slice(4, 8)  # of the file, where FlatBuffers keep their four letters
@@ -65,13 +67,14 @@ def to_ort(
     options.log_severity_level = 3  # it warns that the file is for this machine
     options.graph_optimization_level = level.ORT_ENABLE_ALL if this_machine else level.ORT_ENABLE_EXTENDED
     options.add_session_config_entry("session.save_model_format", "ORT")
-    temporary = target.with_name(f".{target.stem}.part.ort")
-    options.optimized_model_filepath = str(temporary)
+
+    def write(temporary: Path) -> None:
+        options.optimized_model_filepath = str(temporary)
+        opened(lambda: ort.InferenceSession(str(source), options, providers=["CPUExecutionProvider"]))
+
     try:
-        ort.InferenceSession(str(source), options, providers=["CPUExecutionProvider"])
-        os.replace(temporary, target)
+        write_atomically(target, write)
     except Exception as error:  # onnxruntime's own exceptions share no base of theirs
-        temporary.unlink(missing_ok=True)
         reason = first_line(error)
         raise ModelError(f"{target}: can't write {source} in ORT format: {reason}") from error
     return target

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import warnings
 from collections.abc import Mapping, Sequence
@@ -11,7 +12,8 @@ from typing import Any
 
 import onnxruntime as ort
 
-from .errors import ModelError, ProviderError, first_line
+from .errors import ModelError, ProviderError, first_line, reason
+from .filetype import HEAD, description, open_regular
 from .forking import opened
 from .params import is_int
 
@@ -175,10 +177,11 @@ def open_session(
     try:
         session = opened(lambda: ort.InferenceSession(source, options, providers=chosen))
     except Exception as error:  # onnxruntime's own exceptions share no base of theirs
-        reason = first_line(error)
-        if chosen == ["CPUExecutionProvider"]:
-            raise ModelError(f"{name}: onnxruntime {ort.__version__} can't load it: {reason}") from error
-        raise ProviderError(f"{name}: {_names(chosen)} can't load it: {reason}") from error
+        if what := _description(source):
+            raise ModelError(f"{name}: not an ONNX model: it is {what}") from error
+        who = f"onnxruntime {ort.__version__}" if chosen == ["CPUExecutionProvider"] else str(_names(chosen))
+        kind = ModelError if chosen == ["CPUExecutionProvider"] else ProviderError
+        raise kind(f"{name}: {who} can't load it: {first_line(error)}") from error
     first, active = _names(chosen)[0], session.get_providers()
     if first not in active:
         text = f"{first} is installed but did not start (see onnxruntime's log); active are {active}"
@@ -204,9 +207,19 @@ def read_model(model: str | os.PathLike[str] | bytes) -> tuple[bytes, str]:
     if isinstance(source, bytes):
         return source, name
     try:
-        return Path(source).read_bytes(), name
-    except OSError as error:
-        raise ModelError(f"{name}: {error.strerror or error}") from error
+        with open_regular(source) as file:
+            return file.read(), name
+    except (OSError, MemoryError) as error:
+        raise ModelError(f"{name}: {reason(error) or 'not enough memory to read it'}") from error
+
+
+def _description(source: str | bytes) -> str | None:
+    """What the file is, if not a model."""
+    try:
+        with open_regular(source) if isinstance(source, str) else io.BytesIO(source) as file:
+            return description(file.read(HEAD))
+    except OSError:
+        return None
 
 
 def _checked(model: str | os.PathLike[str] | bytes, name: str = "<model bytes>") -> tuple[str | bytes, str]:
@@ -217,11 +230,14 @@ def _checked(model: str | os.PathLike[str] | bytes, name: str = "<model bytes>")
         return model, name
     if not isinstance(model, (str, os.PathLike)):
         raise ModelError(f"a model is a path or bytes, not {type(model).__name__}")
-    path = Path(model)
-    if not path.exists():
-        raise ModelError(f"{path}: no such file")
-    if not path.is_file():
-        raise ModelError(f"{path}: not a file")
-    if path.stat().st_size == 0:
+    path = os.fsdecode(model)
+    try:
+        open_regular(path).close()
+        size = os.stat(path).st_size
+    except FileNotFoundError:
+        raise ModelError(f"{path}: no such file") from None
+    except OSError as error:
+        raise ModelError(f"{path}: {reason(error)}") from error
+    if size == 0:
         raise ModelError(f"{path}: the file is empty (0 bytes)")
-    return str(path), str(path)
+    return path, path

@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 
 import onnxruntime as ort
 
+from .errors import ModelError, first_line
 from .forking import forgets_when_forked
+from .onnx_file import has_external_data
 from .ort_format import is_ort_format
 from .session import is_cpu, open_session
 from .subgraph import with_outputs
@@ -68,13 +70,18 @@ class Sessions:
         # A session to check the model only, where sizes get their own; another provider has to show that it starts.
         self._is_cpu = is_cpu(options["providers"])
         provisional = self._sizes > 0 and self._is_cpu
+        if has_external_data(model):
+            raise ModelError(f"{name}: its weights lie in other files (external data); an ELF model is one file")
         session, _ = open_session(model, **options, optimize=not provisional, name=name)
         self.providers: list[str] = list(session.get_providers())
-        self.metadata: Mapping[str, str] = session.get_modelmeta().custom_metadata_map
-        # ONNX Runtime's own records would keep the session alive.
-        self.inputs, self.outputs = _tensors(session.get_inputs()), _tensors(session.get_outputs())
+        try:
+            self.metadata: Mapping[str, str] = session.get_modelmeta().custom_metadata_map
+            self.inputs, self.outputs = _tensors(session.get_inputs()), _tensors(session.get_outputs())
+        except Exception as error:  # text that is not UTF-8, and what else ONNX Runtime can't tell of a model
+            raise ModelError(f"{name}: what it says of itself can't be read: {first_line(error)}") from error
         self._all = frozenset(tensor.name for tensor in self.outputs)
-        self._dims = [dim if isinstance(dim, str) else None for dim in self.inputs[0].shape[:3]]
+        first = self.inputs[0].shape if self.inputs else []
+        self._dims = [dim if isinstance(dim, str) else None for dim in first[:3]]
         self._at_once = self._sizes > 0 and not provisional
         # The least recently used first.
         self._open: dict[_Key, ort.InferenceSession] = {}
@@ -151,4 +158,5 @@ class Sessions:
 
 
 def _tensors(records: Sequence[ort.NodeArg]) -> list[TensorInfo]:
-    return [TensorInfo(record.name, record.type, list(record.shape)) for record in records]
+    """Plain copies: ONNX Runtime's own records would keep the session alive.  Without a shape the rank counts as 0."""
+    return [TensorInfo(record.name, record.type, list(record.shape or ())) for record in records]
