@@ -12,7 +12,7 @@ PYTEST = -m pytest -q --numprocesses auto --maxprocesses 4 --dist worksteal
 .PHONY: demo test test-runtime test-full lint bench models clean
 
 demo: $(RUNTIME)/ready
-	$(RUNTIME)/bin/elf-detect demo/palace.jpg -o out/demo
+	$(RUNTIME)/bin/elf-detect demo/palace.jpg -o out
 	$(RUNTIME)/bin/python demo/second_view.py demo/palace.jpg out/demo/view.png
 	$(RUNTIME)/bin/elf-match demo/palace.jpg out/demo/view.png --ransac homography -o out/demo/matches.png
 	@echo "Look at out/demo/palace.png and out/demo/matches.png"

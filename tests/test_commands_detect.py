@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -15,9 +17,9 @@ import pytest
 from elf_runtime import ElfRuntime, Features, ModelError
 from elf_runtime import image as images
 from elf_runtime.commands._contenders import synthetic
-from elf_runtime.commands._inputs import image_files, output_names
+from elf_runtime.commands._inputs import image_files
 from elf_runtime.commands.detect import main
-from helpers import turned_jpeg
+from helpers import ROOT, turned_jpeg
 
 TINY = Path(__file__).parent / "data" / "tiny.onnx"
 MISSING = next(name for name in ort.get_all_providers() if name not in ort.get_available_providers())
@@ -27,6 +29,10 @@ def write(path: Path, seed: int = 0, size: tuple[int, int] = (96, 128)) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(path), synthetic(*size, seed=seed))
     return path
+
+
+def results(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*.npz")}
 
 
 def detect(*arguments: object) -> int:
@@ -181,9 +187,9 @@ def test_folders_patterns_and_repeated_files(tmp_path: Path) -> None:
     a, b = write(tmp_path / "in" / "a.png"), write(tmp_path / "in" / "b.JPG")
     (tmp_path / "in" / "notes.txt").write_text("no image")
     (tmp_path / "in" / "folder.png").mkdir()
-    assert image_files([str(tmp_path / "in")]) == [a, b]
-    assert image_files([str(tmp_path / "in" / "*.png"), str(a)]) == [a]
-    assert image_files([str(b), str(tmp_path / "in")]) == [b, a]
+    assert list(image_files([str(tmp_path / "in")])) == [a, b]
+    assert list(image_files([str(tmp_path / "in" / "*.png"), str(a)])) == [a]
+    assert list(image_files([str(b), str(tmp_path / "in")])) == [b, a]
 
 
 def test_subfolders_are_looked_into_where_that_is_asked_for(
@@ -192,9 +198,9 @@ def test_subfolders_are_looked_into_where_that_is_asked_for(
     first, second = write(tmp_path / "in" / "x" / "1.png"), write(tmp_path / "in" / "y" / "z" / "1.png", 1)
     assert detect(tmp_path / "in", "-o", tmp_path / "out") == 2
     assert "in this folder; --recursive looks below it too" in capsys.readouterr().err
-    assert image_files([str(tmp_path / "in")], recursive=True) == [first, second]
+    assert list(image_files([str(tmp_path / "in")], recursive=True)) == [first, second]
     assert detect(tmp_path / "in", "-r", "-o", tmp_path / "out", "--no-picture") == 0
-    assert {p.name for p in (tmp_path / "out").glob("*.npz")} == {"x_1.npz", "z_1.npz"}
+    assert results(tmp_path / "out") == {"x/1.npz", "y/z/1.npz"}
     (tmp_path / "empty").mkdir()
     assert detect(tmp_path / "empty", "-r", "-o", tmp_path / "out") == 2
     assert "in this folder or below it\n" in capsys.readouterr().err
@@ -204,42 +210,149 @@ def test_hidden_files_of_a_folder_are_no_images(tmp_path: Path) -> None:
     shown = write(tmp_path / ".home" / "in" / "1.png")
     for hidden in ("._1.png", ".cache/2.png", "x/.3.png"):
         write(shown.parent / hidden)
-    assert image_files([str(shown.parent)], recursive=True) == image_files([str(shown.parent)]) == [shown]
+    assert list(image_files([str(shown.parent)], recursive=True)) == list(image_files([str(shown.parent)])) == [shown]
 
 
 @pytest.mark.parametrize(
-    ("paths", "names"),
+    ("arguments", "base", "names"),
     [
-        (["x/1.png", "x/2.png"], ["1", "2"]),
-        (["a/1.png", "b/1.png", "b/2.png"], ["a_1", "b_1", "2"]),
-        (["a/1.png", "a/1.jpg"], ["1_png", "1_jpg"]),
-        (["a/1.png", "A/1.PNG"], None),
-        (["a/1.png", "b/1.png", "c/a_1.png"], None),
-        (["p/a/1.png", "q/a/1.png"], ["p_a_1", "q_a_1"]),
-        (["p/a/1.png", "q/a/1.png", "q/a/1.jpg"], ["p_a_1", "1_png", "1_jpg"]),
-        (["p/a/1.png", "q/a/1.png", "r/1_2.png", "r/1_3.png"], None),
-        (["p/a/1.png", "P/a/1.PNG", "r/1_2.png"], None),
+        (["x/1.png", "2.png"], None, ["x/1", "2"]),
+        (["a/1.png", "b/1.png"], None, ["a/1", "b/1"]),
+        (["./a/1.png", "a/../b/1.png"], None, ["a/1", "a/b/1"]),
+        (["a", "b"], None, ["a/1", "b/1"]),
+        (["."], None, ["2", "a/1", "b/1", "x/1"]),
+        (["a", "x/1.png"], "a/..", ["a/1", "x/1"]),
+        (["ROOT/a/1.png"], None, ["1"]),
+        (["ROOT/a", "ROOT/2.png"], None, ["1", "2"]),
+        (["ROOT"], None, ["2", "a/1", "b/1", "x/1"]),
+        (["ROOT/a", "ROOT/b"], "ROOT", ["a/1", "b/1"]),
+        (["*/1.png"], None, ["a/1", "b/1", "x/1"]),
     ],
 )
-def test_every_image_has_an_output_of_its_own(paths: list[str], names: list[str] | None) -> None:
-    found = output_names([Path(p) for p in paths])
-    assert len({name.lower() for name in found}) == len(paths)
-    assert found == output_names([Path(p) for p in paths])
-    if names is not None:
-        assert found == names
+def test_a_name_depends_on_its_own_argument_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], base: str | None, names: list[str]
+) -> None:
+    for path in ("a/1.png", "b/1.png", "x/1.png", "2.png"):
+        write(tmp_path / path)
+    monkeypatch.chdir(tmp_path)
+    given = [argument.replace("ROOT", str(tmp_path)) for argument in arguments]
+    start = Path(base.replace("ROOT", str(tmp_path))) if base else None
+    assert [str(name) for name in image_files(given, recursive=True, base=start).values()] == names
+    for argument in given:
+        alone = image_files([argument], recursive=True, base=start)
+        assert {str(name) for name in alone.values()} <= set(names)
 
 
-def test_name_clashes_lose_nothing(tmp_path: Path) -> None:
+def test_results_of_another_image_are_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     first, second = write(tmp_path / "a" / "1.png"), write(tmp_path / "b" / "1.png", 1)
-    assert detect(first, second, "-o", tmp_path / "out", "--no-picture") == 0
-    assert {p.name for p in (tmp_path / "out").glob("*.npz")} == {"a_1.npz", "b_1.npz"}
+    monkeypatch.chdir(first.parent)
+    assert detect("1.png", "-o", "../out") == 0
+    kept = {path: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    monkeypatch.chdir(second.parent)
+    for options in ([], ["--skip-existing"], ["--no-picture"]):
+        assert detect("1.png", "-o", "../out", *options) == 1
+        assert f"1.npz holds the results of {first}; give another -o" in capsys.readouterr().err
+        assert {path: path.read_bytes() for path in (tmp_path / "out").iterdir()} == kept
+    assert detect("1.png", "-o", "../out", "--overwrite") == 0
+    assert {path: path.read_bytes() for path in (tmp_path / "out").iterdir()} != kept
+
+
+def test_two_images_of_one_name_in_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first, second = write(tmp_path / "a" / "1.png"), write(tmp_path / "b" / "1.png", 1)
+    for options in ([], ["--overwrite"]):
+        assert detect(first, second, "-o", tmp_path / "out", "--no-picture", *options) == 1
+        assert f"error: {second}: {tmp_path}/out/1.npz holds the results of {first}" in capsys.readouterr().err
+        assert len(Features.load(tmp_path / "out" / "1.npz")) > 0
+    assert detect(first, second, "-o", tmp_path / "both", "--no-picture", "--base", tmp_path) == 0
+    assert results(tmp_path / "both") == {"a/1.npz", "b/1.npz"}
+
+
+def test_a_file_of_somebody_else_s_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    image = write(tmp_path / "1.jpg")
+    for name in ("1.npz", "1.csv", "1.png"):
+        out = tmp_path / f"out-{name}"
+        out.mkdir()
+        (out / name).write_text("precious")
+        assert detect(image, "-o", out) == 1
+        assert f"{name} is no result of elf-detect" in capsys.readouterr().err
+        assert [path.read_text() for path in out.iterdir()] == ["precious"]
+
+
+def test_what_is_done_is_skipped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    image, out = write(tmp_path / "1.jpg"), tmp_path / "out"
+
+    def ran(*options: object) -> bool:
+        before = (out / "1.npz").stat().st_mtime_ns if out.exists() else 0
+        assert detect(image, "-o", out, "--skip-existing", *options) == 0
+        again = (out / "1.npz").stat().st_mtime_ns != before
+        assert (": skipped, " in capsys.readouterr().out) is not again
+        return again
+
+    assert ran()
+    assert not ran()
+    assert ran("--max-keypoints", 7)
+    assert not ran("--max-keypoints", 7)
+    cv2.imwrite(str(tmp_path / "mask.png"), np.full((96, 128), 255, np.uint8))
+    assert ran("--max-keypoints", 7, "--mask", tmp_path / "mask.png")
+    assert not ran("--max-keypoints", 7, "--mask", tmp_path / "mask.png")
+    (out / "1.csv").unlink()
+    assert ran("--max-keypoints", 7, "--mask", tmp_path / "mask.png")
+    write(image, 1)
+    assert ran("--max-keypoints", 7, "--mask", tmp_path / "mask.png")
+    summary = tmp_path / "s.json"
+    assert not ran("--max-keypoints", 7, "--mask", tmp_path / "mask.png", "--json", summary)
+    assert json.loads(summary.read_text())["images"][0]["skipped"] is True
+
+
+def test_fewer_than_asked_for_says_why(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    image = write(tmp_path / "1.jpg")
+    assert detect(image, "-o", tmp_path / "out", "--max-keypoints", 2000) == 0
+    assert "keypoints of 2000 asked for, no more pass the threshold (--threshold)" in capsys.readouterr().out
+    assert detect(image, "-o", tmp_path / "out", "--max-keypoints", 2) == 0
+    assert "asked for" not in capsys.readouterr().out
+
+
+NAMES = [b"not\xff\xfeutf.png", "bl\u00e4tter \u6c34.png".encode(), b"tab\tand\x1b[31mred.png", b"x" * 200 + b".png"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="names are Unicode there")
+@pytest.mark.parametrize("encoding", ["ascii", "utf-8", "latin-1"])
+def test_any_name_on_any_terminal(tmp_path: Path, encoding: str) -> None:
+    image = write(tmp_path / "1.png").read_bytes()
+    for name in NAMES:
+        (tmp_path / "in" / os.fsdecode(name)).parent.mkdir(exist_ok=True)
+        (tmp_path / "in" / os.fsdecode(name)).write_bytes(image)
+    env = {**os.environ, "PYTHONIOENCODING": encoding, "PYTHONPATH": str(ROOT / "runtime")}
+    for module, arguments in (
+        ("detect", ["in", "-o", "out", "--json", "s.json"]),
+        ("match", [f"in/{os.fsdecode(NAMES[0])}", f"in/{os.fsdecode(NAMES[1])}", "-o", "m.png"]),
+        ("detect", ["in/absent\udcff\x1b31m.png", "-o", "out"]),
+    ):
+        command = [sys.executable, "-m", f"elf_runtime.commands.{module}", *arguments, "--model", str(TINY)]
+        done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, check=False)
+        said = done.stdout + done.stderr
+        assert b"Traceback" not in said, said.decode(errors="replace")
+        assert done.returncode == int("absent" in arguments[0])
+        assert b"\x1b" not in said
+        assert said.count(b"\n") == {"in": 4}.get(arguments[0], 1)
+    assert len(results(tmp_path / "out")) == 4
+    assert len(json.loads((tmp_path / "s.json").read_text())["images"]) == 4
+
+
+def test_a_loop_of_links_is_an_error_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "loop.png").symlink_to(tmp_path / "loop.png")
+    assert detect(tmp_path / "loop.png", write(tmp_path / "1.png"), "-o", tmp_path / "out", "--no-picture") == 1
+    assert "loop.png: Too many levels of symbolic links" in capsys.readouterr().err
+    assert results(tmp_path / "out") == {"1.npz"}
 
 
 def test_an_input_image_is_never_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     image = write(tmp_path / "a.png")
     before = image.read_bytes()
     assert detect(image, "-o", tmp_path) == 2
-    assert "input image" in capsys.readouterr().err
+    assert "is an input image" in capsys.readouterr().err
     assert image.read_bytes() == before
 
 
@@ -249,8 +362,8 @@ def test_an_input_image_is_never_overwritten(tmp_path: Path, capsys: pytest.Capt
         (["in", "-o", "in"], "-o in: the pictures would be taken for images of the folder in next time"),
         (["in", "-o", "in/../in"], "for images of the folder in"),
         (["-r", ".", "-o", "in/new"], "for images of the folder ."),
-        (["in/*g", "-o", "in"], "-o in: in/b.png may be a picture that was written there"),
-        (["in/b.png", "in/b.jpg", "-o", "in"], "-o in: in/b.png may be a picture"),
+        (["in/*.png", "-o", "in"], "in/b.png is a picture that elf-detect wrote"),
+        (["in/b.png", "-o", "elsewhere"], "in/b.png is a picture that elf-detect wrote"),
     ],
 )
 def test_pictures_are_not_written_where_images_are_taken_from(
@@ -263,7 +376,7 @@ def test_pictures_are_not_written_where_images_are_taken_from(
     write(tmp_path / "in" / "b.jpg")
     monkeypatch.chdir(tmp_path)
     if "b.png" in reason:
-        assert detect("in/b.jpg", "-o", "in") == 0
+        assert detect("in/b.jpg", "-o", ".") == 0
     before = sorted(tmp_path.rglob("*"))
     capsys.readouterr()
     assert detect(*arguments) == 2

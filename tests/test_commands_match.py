@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -158,3 +159,36 @@ def test_settings_and_stored_pixels_reach_the_detector(pair: tuple[Path, Path], 
         np.testing.assert_array_equal(saved["pairs"], matched(first, second))
         np.testing.assert_array_equal(saved["points_a"], first.keypoints[saved["pairs"][:, 0]])
     assert main(["a", "b", "-o", str(tmp_path / "n.png"), "--set", "sale=1"]) == 2
+
+
+def test_without_a_picture(pair: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = sorted(tmp_path.iterdir())
+    assert match(*pair, "--json", "-", "--ratio", "0.95", "--max-keypoints", "60") == 0
+    said = capsys.readouterr()
+    summary = json.loads(said.out)
+    assert said.err.count("\n") == 1
+    assert sorted(tmp_path.iterdir()) == before
+    assert summary["images"] == [str(path) for path in pair]
+    assert (summary["model"], summary["network"], summary["layer"]) == (str(TINY), "tiny", "pool1")
+    assert summary["model_sha256"] == hashlib.sha256(TINY.read_bytes()).hexdigest()
+    assert summary["ratio"] == 0.95
+    assert (summary["settings"]["max_keypoints"], summary["settings"]["threshold"]) == (60, "none")
+    assert match(*pair) == 0
+    assert "matches\n" in capsys.readouterr().out
+
+
+def test_a_chance_geometry_is_not_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rng = np.random.default_rng(0)
+    for name in "ab":
+        cv2.imwrite(str(tmp_path / f"{name}.png"), rng.integers(0, 256, (240, 320, 3), np.uint8))
+    for kind in ("homography", "fundamental"):
+        files = ["-o", tmp_path / "m.png", "--save", tmp_path / "m.npz", "--json", tmp_path / "m.json"]
+        assert match(tmp_path / "a.png", tmp_path / "b.png", "--ransac", kind, *files) == 0
+        assert f", no {kind} that they support: " in capsys.readouterr().out
+        summary = json.loads((tmp_path / "m.json").read_text())
+        assert summary["supported"] is False
+        assert summary["matrix"] is None
+        assert summary["expected_by_chance"] > 1e-3
+        with np.load(tmp_path / "m.npz") as saved:
+            assert np.isnan(saved["matrix"]).all()
+            assert not saved["inliers"].any()

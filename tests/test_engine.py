@@ -27,6 +27,7 @@ from elf_runtime import (
     match,
     preset,
 )
+from elf_runtime.onnx_file import read_onnx
 from elf_runtime.refine import parabola_peaks
 from elf_runtime.work import prepared
 from helpers import TINY, textured
@@ -148,7 +149,7 @@ def test_keypoints_round_to_pixels_of_the_mask(elf: ElfRuntime, scale: float, su
     mask = np.random.default_rng(0).random((20, 27)) < 0.5
     mask = np.kron(mask, np.ones((8, 8), bool))[:157, :211]
     settings = {"scale": scale, "subpixel": subpixel, "threshold": "none", "nms_radius": 1, "denoise": (1, 1.0)}
-    points = elf.detect(image, mask=mask, border=0, max_keypoints=100_000, **settings).keypoints
+    points = elf.detect(image, mask=mask, border=0, mask_border=0, max_keypoints=100_000, **settings).keypoints
     assert len(points) > 50
     x, y = np.rint(points).astype(int).T
     assert mask[y, x].all()
@@ -358,7 +359,7 @@ def test_warmup_and_trace(elf: ElfRuntime, image: np.ndarray) -> None:
         (np.full((64, 64, 3), np.inf, np.float32), "infinite"),
         (np.zeros((64, 64), np.int64), "not int64"),
         ("missing.png", "missing.png"),
-        ("a\0b.png", "a\0b.png: embedded null byte"),
+        ("a\0b.png", r"a\\x00b.png: embedded null byte"),
     ],
 )
 def test_images_that_are_refused(elf: ElfRuntime, image: object, error: str) -> None:
@@ -492,3 +493,28 @@ def test_a_network_that_fails_says_why_in_one_line(
     with pytest.raises(ElfError) as caught:
         elf.detect(textured(64, 80))
     assert str(caught.value) == f"{TINY}: the network failed on a (1, 64, 80, 3) input: {text}"
+
+
+def test_a_detectionparams_is_where_to_start_from(elf: ElfRuntime, image: np.ndarray) -> None:
+    params = DetectionParams(max_keypoints=9, nms_radius=3, threshold="none", scale=0.7)
+    wanted = elf.detect(image, **params.to_dict())
+    assert same(elf.detect(image, params=params), wanted)
+    assert same(elf.detect_batch([image], params=params)[0], wanted)
+    assert len(elf.detect(image, params=params, max_keypoints=4)) == 4
+    np.testing.assert_array_equal(elf.saliency(image, params=params), elf.saliency(image, scale=0.7))
+    np.testing.assert_array_equal(
+        elf.describe(image, wanted.keypoints, params=params), elf.describe(image, wanted.keypoints, scale=0.7)
+    )
+    elf.warmup((64, 64), params=params)
+    with pytest.raises(SettingError, match="preset 'fast' and params are both where to start from"):
+        elf.detect(image, preset="fast", params=params)
+    with pytest.raises(SettingError, match="params is a DetectionParams, not dict"):
+        elf.detect(image, params=params.to_dict())
+
+
+def test_what_is_shown_is_short(elf: ElfRuntime, image: np.ndarray) -> None:
+    traced = elf.trace(image)
+    for value in (traced, traced.features, elf, elf.contract, read_onnx(TINY)):
+        assert len(repr(value)) < 300
+        assert "\n" not in repr(value)
+    assert repr(traced.features) == f"Features({len(traced.features)} keypoints, descriptors of 8, image 160x120)"

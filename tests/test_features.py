@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -201,7 +200,7 @@ def test_an_error_without_a_number_keeps_its_words(tmp_path: Path) -> None:
         write_atomically(tmp_path / "f.csv", refused)
 
 
-def test_two_processes_write_beside_each_other(tmp_path: Path) -> None:
+def test_threads_and_processes_write_beside_each_other(tmp_path: Path) -> None:
     names: list[str] = []
 
     def write(path: Path) -> None:
@@ -209,7 +208,9 @@ def test_two_processes_write_beside_each_other(tmp_path: Path) -> None:
         path.touch()
 
     write_atomically(tmp_path / "f.csv", write)
-    assert str(os.getpid()) in names[0]
+    write_atomically(tmp_path / "f.csv", write)
+    assert names[0] != names[1]
+    write_atomically(tmp_path / ("\u6c34" * 83 + ".csv"), write)  # 253 bytes, near the system's limit
 
 
 def test_they_compare_by_identity(features: Features) -> None:

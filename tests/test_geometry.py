@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 import pytest
 
 from elf_runtime import SettingError
-from elf_runtime.geometry import fit
+from elf_runtime.geometry import TwoView, expected_by_chance, fit
 
 HOMOGRAPHY = np.array([[0.9, 0.12, 15.0], [-0.08, 1.05, -9.0], [1e-4, -5e-5, 1.0]])
 
@@ -88,3 +90,50 @@ def test_settings_out_of_range_are_named() -> None:
         fit(first, second, "affine")
     with pytest.raises(SettingError, match="threshold"):
         fit(first, second, threshold=0.0)
+
+
+def by_binomials(matches: int, inliers: int, kind: str, threshold: float, size: tuple[float, float]) -> float:
+    sample, solutions, within = {
+        "homography": (4, 1, math.pi * threshold**2), "fundamental": (7, 3, 2 * threshold * math.hypot(*size)),
+    }[kind]  # fmt: skip
+    p = within / (size[0] * size[1])
+    samples = math.comb(matches, inliers) * math.comb(inliers, sample)
+    return solutions * (matches - sample) * samples * p ** (inliers - sample)
+
+
+@pytest.mark.parametrize("kind", ["homography", "fundamental"])
+@pytest.mark.parametrize(("matches", "inliers"), [(16, 9), (83, 12), (400, 30), (400, 390)])
+def test_the_number_of_false_alarms(kind: str, matches: int, inliers: int) -> None:
+    found = expected_by_chance(matches, inliers, kind, 3.0, (427, 640))
+    assert found == pytest.approx(by_binomials(matches, inliers, kind, 3.0, (427, 640)), rel=1e-9)
+
+
+def test_chance_at_its_limits() -> None:
+    assert expected_by_chance(4, 4, "homography", 3.0, (400, 600)) == math.inf  # a sample fits itself
+    assert expected_by_chance(100, 60, "homography", 300.0, (400, 600)) > 1  # everything is near everything
+    assert expected_by_chance(100, 60, "homography", 3.0, (0, 0)) > 1
+    assert 0 <= expected_by_chance(100_000, 99_000, "fundamental", 1.0, (4000, 6000)) < 1e-300
+    assert expected_by_chance(100_000, 50, "fundamental", 1.0, (4000, 6000)) > 1e30
+
+
+@pytest.mark.parametrize("kind", ["homography", "fundamental"])
+@pytest.mark.parametrize("count", [10, 20, 80, 400])
+def test_unrelated_matches_support_no_geometry(kind: str, count: int) -> None:
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        first, second = rng.uniform(0, (640, 480), (2, count, 2)).astype(np.float32)
+        view = fit(first, second, kind)
+        assert not view.supported, (seed, view)
+
+
+@pytest.mark.parametrize(("kind", "points"), [("homography", planar), ("fundamental", rigid)])
+def test_a_true_geometry_is_supported(kind: str, points: object) -> None:
+    assert callable(points)
+    assert fit(*points(100, 40), kind).supported
+    assert fit(*points(40, 20), kind).supported
+
+
+def test_a_two_view_says_what_it_is() -> None:
+    view = fit(*planar(100, 40), "homography")
+    assert repr(view) == f"TwoView(homography: {view.inliers.sum()} inliers of 100 matches)"
+    assert repr(TwoView("fundamental", None, np.zeros(3, np.bool_))) == "TwoView(fundamental: none fitted)"

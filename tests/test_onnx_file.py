@@ -92,7 +92,7 @@ def test_damaged_models_and_noise_raise_nothing_else(seed: int) -> None:
 @pytest.mark.parametrize(
     ("data", "reason"),
     [
-        (b"", "no IR version"),
+        (b"", "it is empty"),
         (b"just some text\n", "not an ONNX model"),
         (b"\x89PNG\r\n\x1a\n" + bytes(20), "not an ONNX model"),
         (b"\x08" + b"\xff" * 11, "more than ten bytes"),

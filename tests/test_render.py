@@ -137,6 +137,21 @@ def test_a_long_title_is_cut_to_the_picture() -> None:
     assert titled(np.zeros((10, 90, 3), np.uint8), "a title that has no room here").shape == (40, 90, 3)
 
 
+@pytest.mark.parametrize("width", [120, 200, 800])
+def test_a_long_name_leaves_room_for_the_counts(width: int) -> None:
+    blank = np.zeros((10, width, 3), np.uint8)
+    short, long = (titled(blank, name, "500 kpts")[:30] for name in ("a", "folder/" + "x" * 300 + ".png"))
+    ink = int(np.flatnonzero((titled(blank, "", "500 kpts")[:30] > 60).any(axis=(0, 2))).max()) - 8
+    shown = [int(np.flatnonzero((strip > 60).any(axis=(0, 2))).max()) for strip in (short, long)]
+    np.testing.assert_array_equal(short[:, shown[0] - ink : shown[0]], long[:, shown[1] - ink : shown[1]])
+    assert shown[1] > width - 40
+
+
+@pytest.mark.parametrize("name", ["not\udcff\udcfeutf", "tab\tand\x1b[31m", "\u6c34", "\x00"])
+def test_any_name_can_be_drawn(name: str) -> None:
+    assert titled(np.zeros((10, 300, 3), np.uint8), name, "5 keypoints").shape == (40, 300, 3)
+
+
 def test_side_by_side_keeps_every_picture() -> None:
     white = np.full((10, 20, 3), 255, np.uint8)
     row = side_by_side([white, np.full((30, 5, 3), 200, np.uint8)])

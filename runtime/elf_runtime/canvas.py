@@ -34,20 +34,19 @@ def _bgr(column: npt.NDArray[np.uint8]) -> list[Color]:
     return [(int(b), int(g), int(r)) for b, g, r in column[:, 0]]
 
 
-def titled(picture: Picture, text: str, legend: bool = False) -> Picture:
-    """`picture` under a dark strip with `text`, cut where it does not fit.
+def titled(picture: Picture, text: str, counts: str = "", legend: bool = False) -> Picture:
+    """`picture` under a dark strip with `text` and `counts`; of the text goes what does not fit, from its beginning.
 
     Parameters
     ----------
+    counts : str
+        What stands behind the text, whole where there is any room for it.
     legend : bool
         Explain the colours of `strength_colors` at the strip's right end, where there is room.
     """
     width = picture.shape[1]
     strip = np.full((30, width, 3), DARK, np.uint8)
-    if _text_width(text) > width - 16:
-        while text and _text_width(text + "...") > width - 16:
-            text = text[:-1]
-        text += "..."
+    text = _fitted(drawable(text), drawable(f"  {counts}" if text and counts else counts), width - 16)
     _write(strip, text, 8)
     bar, weak, strong = 80, _text_width("weak"), _text_width("strong")
     x = width - (weak + bar + strong + 24)
@@ -57,6 +56,24 @@ def titled(picture: Picture, text: str, legend: bool = False) -> Picture:
         strip[9:21, x : x + bar] = np.array(strength_colors(bar)[::-1], np.uint8)
         _write(strip, "strong", x + bar + 8)
     return np.concatenate([strip, picture])
+
+
+def drawable(text: str) -> str:
+    """`text` as OpenCV can draw it: of a file name that is not Unicode, and of control characters, ``?`` is left."""
+    whole = text.encode("utf-8", "replace").decode()
+    return "".join(character if character.isprintable() else "?" for character in whole)
+
+
+def _fitted(text: str, counts: str, width: int) -> str:
+    """`text` and `counts` in so many pixels: of the text its end, behind dots; what is too long even so is cut."""
+    if _text_width(text + counts) <= width:
+        return text + counts
+    while text and _text_width("..." + text + counts) > width:
+        text = text[1:]
+    found = ("..." if text else "") + (text + counts if text else counts.lstrip())
+    while found and _text_width(found) > width:
+        found = found[:-1]
+    return found
 
 
 def side_by_side(pictures: Sequence[Picture], gap: int = 6) -> Picture:

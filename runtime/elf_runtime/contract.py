@@ -202,6 +202,10 @@ class ModelContract:
     versions: Mapping[str, str] = field(default_factory=dict)
     command: str = ""  # the elf-export command that makes this file again
 
+    def __repr__(self) -> str:
+        described = ", ".join(f"{d.layer} ({d.dim} values)" for d in self.descriptors) or "none"
+        return f"ModelContract({self.network} {self.layer}, descriptors {described}, {self.precision})"
+
     def to_metadata(self) -> dict[str, str]:
         """The contract as ``{key: text}`` for ONNX ``metadata_props``; values are JSON."""
         fields = {"schema": SCHEMA_VERSION, **asdict(self)}

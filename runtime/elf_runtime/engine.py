@@ -51,6 +51,11 @@ class Trace:
     mask: npt.NDArray[np.bool_]
     seconds: dict[str, float] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        (h, w), share = self.saliency.shape, float(self.mask.mean()) if self.mask.size else 0.0
+        time = f"{1e3 * sum(self.seconds.values()):.1f} ms"
+        return f"Trace({self.features!r}, saliency {w}x{h}, {share:.1%} passed, {time})"
+
 
 class ElfRuntime:
     """Runs an ELF model: saliency graph, threshold, non-maximum suppression, descriptors.
@@ -76,6 +81,8 @@ class ElfRuntime:
         it comes again among the last `sizes` sizes; until then its images go through one session of any size, which
         counts as one of the `sizes`, with the same result up to float32's rounding.  0 is that one session only.  A
         model in ORT format has one session for all.
+    max_pixels : int, optional
+        Image files whose header says more are refused before they are decoded (see `image.read`).  None is no limit.
 
     Raises
     ------
@@ -86,7 +93,7 @@ class ElfRuntime:
     ProviderError
         See `fallback`; or `providers`, `threads` or `spin` is of another kind.
     SettingError
-        `sizes` is no integer >= 0.
+        `sizes` is no integer >= 0, or `max_pixels` none >= 1.
 
     Attributes
     ----------
@@ -113,9 +120,13 @@ class ElfRuntime:
         spin: bool | None = None,
         fallback: bool = False,
         sizes: int = 2,
+        max_pixels: int | None = images.MAX_PIXELS,
     ) -> None:
         if not is_int(sizes) or sizes < 0:
             raise SettingError(f"sizes is an integer >= 0, not {sizes!r}")
+        if max_pixels is not None and (not is_int(max_pixels) or max_pixels < 1):
+            raise SettingError(f"max_pixels is None or an integer >= 1, not {max_pixels!r}")
+        self._max_pixels = max_pixels
         options = {"providers": providers, "threads": threads, "spin": spin, "fallback": fallback}
         self._given = (None if model is None else read_model(model), options, int(sizes))
         self._open(*self._given)
@@ -136,11 +147,16 @@ class ElfRuntime:
 
     def __getstate__(self) -> dict[str, Any]:
         """What opens the same model again, in any process: its bytes, unless it is the bundled one, and the options."""
-        return {"given": self._given}
+        return {"given": self._given, "max_pixels": self._max_pixels}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self._given = state["given"]
+        self._given, self._max_pixels = state["given"], state["max_pixels"]
         self._open(*self._given)
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the model's file."""
+        return self._sessions.sha256
 
     def __repr__(self) -> str:
         c = self.contract
@@ -165,15 +181,18 @@ class ElfRuntime:
         Parameters
         ----------
         image : (H, W), (H, W, 3) or (H, W, 4) array, or path
-            BGR (as OpenCV reads) or grey; uint8, uint16, or float in [0, 1]; 32x32 pixels or more.
+            BGR (as OpenCV reads) or grey; a fourth channel is alpha, and there are no keypoints where it is 0.  uint8,
+            uint16, or float in [0, 1]; 32x32 pixels or more.
         max_keypoints : int
-            The strongest that many are kept.
+            The strongest that many are kept.  Fewer come where fewer maxima pass the threshold.
         threshold : "kapur", "none" or float in [0, 1]
-            See `DetectionParams`.
+            See `DetectionParams`; "none" takes weak maxima too, for more keypoints than Kapur's level lets through.
         nms_radius, border : int
             In pixels of the source image; see `DetectionParams`.
         mask : (H, W) bool or integer array, optional
-            Keypoints only where it is non-zero: at the pixel that a keypoint's x and y round to.
+            Keypoints only where it is non-zero, at the pixel that a keypoint's x and y round to, and not so near to its
+            edge that the network sees what lies behind: see ``mask_border`` of `DetectionParams`.  An alpha channel of
+            the image is a mask too.
         preset : str, optional
             "fast", "default" (the model's own settings), "accurate", or the paper's: "paper", "paper-webcam",
             "paper-robust", "paper-components".  Where to start from.  Its scale is not for a model of one size only.
@@ -182,7 +201,8 @@ class ElfRuntime:
         descriptor : str, optional
             Which of the model's descriptor layers; the first by default.
         **settings
-            Any other field of `DetectionParams`.  What is None or absent is the preset's, else the model's.
+            Any other field of `DetectionParams`; or ``params=DetectionParams(...)``, where to start from in place of a
+            preset.  What is None or absent is that of `params`, else the preset's, else the model's.
 
         Returns
         -------
@@ -282,17 +302,23 @@ class ElfRuntime:
             flush()
         return results
 
-    def saliency(self, image: ImageLike, scale: float | None = None, preset: str | None = None) -> Array:
+    def saliency(
+        self,
+        image: ImageLike,
+        scale: float | None = None,
+        preset: str | None = None,
+        params: DetectionParams | None = None,
+    ) -> Array:
         """The saliency map S(I) = |F^T dF/dI|, averaged over the image's channels.
 
-        `scale` and `preset`, whose scale it is otherwise, are those of `detect`.
+        `scale`, and `preset` or `params`, whose scale it is otherwise, are those of `detect`.
 
         Returns
         -------
         (H, W) float32
             At the size of the source image (interpolated where the working scale is not 1); zero for a flat image.
         """
-        work = self._prepare(image, self.params(preset, scale=scale), None)
+        work = self._prepare(image, self.params(preset, params=params, scale=scale), None)
         if not work.textured:
             return np.zeros(work.size, np.float32)
         found: Array = self._run(work.pixels[None], [])[0][0]
@@ -308,6 +334,7 @@ class ElfRuntime:
         descriptor: str | None = None,
         scale: float | None = None,
         preset: str | None = None,
+        params: DetectionParams | None = None,
     ) -> Array:
         """ELF's descriptors at anyone's keypoints.
 
@@ -315,8 +342,8 @@ class ElfRuntime:
         ----------
         points : (N, 2) array of (x, y) in source-image pixels, or a sequence of cv2.KeyPoint
             A point outside the image takes the descriptor of the nearest place inside.
-        descriptor, scale, preset : optional
-            As in `detect`; of the preset only its scale matters.
+        descriptor, scale, preset, params : optional
+            As in `detect`; of the preset or `params` only its scale matters.
 
         Returns
         -------
@@ -333,7 +360,7 @@ class ElfRuntime:
         if spec is None:
             raise SettingError(f"{self._name}: exported with --desc none, it can't describe")
         where = as_points(points)
-        work = self._prepare(image, self.params(preset, scale=scale), None)
+        work = self._prepare(image, self.params(preset, params=params, scale=scale), None)
         if len(where) == 0:
             return np.zeros((0, spec.dim), np.float32)
         maps = self._run(work.pixels[None], [spec], saliency=False)[1]
@@ -346,7 +373,11 @@ class ElfRuntime:
         return rows
 
     def warmup(
-        self, size: tuple[int, int] = (480, 640), scale: float | None = None, preset: str | None = None
+        self,
+        size: tuple[int, int] = (480, 640),
+        scale: float | None = None,
+        preset: str | None = None,
+        params: DetectionParams | None = None,
     ) -> None:
         """Detect once on noise of (height, width) at a working scale, by default the preset's, else the model's.
 
@@ -363,20 +394,28 @@ class ElfRuntime:
             raise SettingError(f"a size is (height, width) in pixels, not {size!r}")
         noise = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
         spec = self.contract.descriptor()
-        pixels = self._prepare(noise, self.params(preset, scale=scale), None).pixels
+        pixels = self._prepare(noise, self.params(preset, params=params, scale=scale), None).pixels
         self._sessions.get(self._outputs([spec] if spec else []), (1, *pixels.shape[:2]), expected=True)
-        self.detect(noise, preset=preset, scale=scale)
+        self.detect(noise, preset=preset, scale=scale, params=params)
 
-    def params(self, name: str | None = None, **settings: Any) -> DetectionParams:
-        """The settings that a call with this preset and these changes uses.
+    def params(
+        self, name: str | None = None, *, params: DetectionParams | None = None, **settings: Any
+    ) -> DetectionParams:
+        """The settings that a call with this preset, or these `params`, and these changes uses.
 
         A preset's scale is not for a model that takes one size only: there it is 1.
 
         Raises
         ------
         SettingError
-            On an unknown preset or setting, or a value out of range.
+            On an unknown preset or setting, a value out of range, or a preset and `params` together.
         """
+        if params is not None:
+            if not isinstance(params, DetectionParams):
+                raise SettingError(f"params is a DetectionParams, not {type(params).__name__}")
+            if name is not None:
+                raise SettingError(f"preset {name!r} and params are both where to start from; give one of them")
+            return params.updated(**settings)
         base = self.contract.detection if name in (None, "default") else preset(name, self.contract.network)
         if self.contract.input.is_fixed:
             base = base.updated(scale=1.0)
@@ -392,7 +431,7 @@ class ElfRuntime:
     ) -> Work:
         watch = watch or Stopwatch()
         with watch("read"):
-            array = images.read(image)
+            array = images.read(image, max_pixels=self._max_pixels)
         with watch("prepare"), images.named(image, place):
             return prepared(array, params, mask, self.contract, self._name)
 

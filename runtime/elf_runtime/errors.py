@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+LONGEST = 10_000  # characters of an error's text
+LONGEST_LINE = 2000
+
 
 class ElfError(Exception):
-    """Base of the errors below: catch this one to catch them all."""
+    """Base of the errors below: catch this one to catch them all.
+
+    Its text is safe to print: names and metadata come from files, which may hold a megabyte, or what a terminal obeys.
+    """
+
+    def __str__(self) -> str:
+        return "\n".join(map(printable, shortened(super().__str__(), LONGEST).split("\n")))
 
 
 class ModelError(ElfError):
@@ -25,6 +34,22 @@ class ImageError(ElfError, ValueError):
 
 class SettingError(ElfError, ValueError):
     """A detection setting outside its range, or an unknown preset."""
+
+
+def printable(text: str) -> str:
+    """`text` with ``\\x1b`` and the like in place of what is not printed but obeyed, or is no Unicode at all."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def shortened(text: str, most: int) -> str:
+    """`text` without its middle where it is longer than `most` characters: what it begins and ends with says most."""
+    half = (most - 5) // 2
+    return text if len(text) <= most else f"{text[:half]} ... {text[-half:]}"
+
+
+def one_line(text: str) -> str:
+    """`text` in one line, safe to print."""
+    return printable(shortened(" ".join(text.split()), LONGEST_LINE))
 
 
 def reason(error: BaseException) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import zipfile
 from collections.abc import Mapping
@@ -15,6 +16,7 @@ import numpy.typing as npt
 
 from .errors import ElfError, reason
 from .files import write_atomically
+from .filetype import open_regular
 
 Array = npt.NDArray[np.float32]
 
@@ -60,8 +62,18 @@ class Features:
         ]
         return points, self.descriptors
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def __repr__(self) -> str:
+        height, width = self.image_size
+        return f"Features({len(self)} keypoints, descriptors of {self.descriptors.shape[1]}, image {width}x{height})"
+
+    def save(self, path: str | os.PathLike[str], record: Mapping[str, Any] | None = None) -> None:
         """Write a ``.npz`` (keypoints, scores, descriptors, image_size, nms_radius) or ``.csv`` (x,y,score).
+
+        Parameters
+        ----------
+        path : path
+        record : mapping, optional
+            Where they come from, as plain data: it goes into an ``.npz`` as JSON, for `load_record`.
 
         Raises
         ------
@@ -71,12 +83,13 @@ class Features:
             If the file can't be written; what was there stays.
         """
         path = Path(path)
-        writers = {".npz": self._write_npz, ".csv": self._write_csv}
+        writers = {".npz": lambda part: self._write_npz(part, record), ".csv": self._write_csv}
         if path.suffix not in writers:
             raise ElfError(f"{path}: features are saved as .npz or .csv")
         write_atomically(path, writers[path.suffix])
 
-    def _write_npz(self, path: Path) -> None:
+    def _write_npz(self, path: Path, record: Mapping[str, Any] | None) -> None:
+        extra: dict[str, Any] = {} if record is None else {"record": json.dumps(record, sort_keys=True)}
         np.savez_compressed(
             path,
             keypoints=self.keypoints,
@@ -84,6 +97,7 @@ class Features:
             descriptors=self.descriptors,
             image_size=np.asarray(self.image_size),
             nms_radius=np.float64(self.nms_radius),
+            **extra,
         )
 
     def _write_csv(self, path: Path) -> None:
@@ -100,7 +114,7 @@ class Features:
             If the file is missing, is not such a file, or its arrays do not fit together.
         """
         try:
-            with open(path, "rb") as file:  # numpy would leave it open where it is damaged
+            with open_regular(path) as file:  # numpy would leave it open where it is damaged
                 if not zipfile.is_zipfile(file):
                     raise TypeError("it is no .npz archive")
                 file.seek(0)
@@ -116,6 +130,16 @@ class Features:
         if min(height, width) < 1 or not radius >= 0:
             raise ElfError(f"{path}: image_size is {height, width} and nms_radius {radius:g}")
         return cls(points, scores, rows, (height, width), radius)
+
+
+def load_record(path: str | os.PathLike[str]) -> dict[str, Any] | None:
+    """What `Features.save` recorded in a ``.npz``; None where the file is absent, another one, or has no record."""
+    try:
+        with open_regular(path) as file, np.load(file, allow_pickle=False) as data:
+            record = json.loads(str(data["record"]))
+    except Exception:  # what numpy, zipfile and zlib raise on another file has no common base
+        return None
+    return record if isinstance(record, dict) else None
 
 
 def _floats(data: Mapping[str, npt.NDArray[Any]], name: str) -> Array:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import secrets
 import sys
 from collections.abc import Callable
 from pathlib import Path
+
+from .filetype import open_regular
 
 
 def discard_stdout() -> None:
@@ -15,9 +18,14 @@ def discard_stdout() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+def real(path: str | os.PathLike[str]) -> Path:
+    """The path without links, ``.`` and ``..``; as far as it goes into a loop of links, where `Path.resolve` raises."""
+    return Path(os.path.realpath(path))
+
+
 def existing(folder: Path) -> Path:
     """`folder`, or the nearest above it that is there: where one that is to be made begins."""
-    return next(path for path in (folder, *folder.resolve().parents) if path.exists())
+    return next(path for path in (folder, *real(folder).parents) if path.exists())
 
 
 def unwritable(folder: Path) -> str | None:
@@ -29,6 +37,15 @@ def unwritable(folder: Path) -> str | None:
     return None if os.access(folder, os.W_OK | os.X_OK) else f"nothing can be written into the folder {folder}"
 
 
+def file_sha256(path: str | os.PathLike[str]) -> str:
+    """SHA-256 of a file, read in pieces."""
+    found = hashlib.sha256()
+    with open_regular(path) as file:
+        while piece := file.read(1 << 20):
+            found.update(piece)
+    return found.hexdigest()
+
+
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """Let `write` fill a neighbour of `path`, then put it in place: `path` is whole or as it was.
 
@@ -38,7 +55,7 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
         If the system refuses, naming `path` and not the neighbour, of which nothing is left.
     """
     # A name of its own for every writer: processes on several machines, threads, and names near the system's limit.
-    temporary = path.with_name(f".{path.stem[:40]}.{secrets.token_hex(8)}.part{path.suffix}")
+    temporary = path.with_name(f".{path.stem[:12]}.{secrets.token_hex(8)}.part{path.suffix}")
     try:
         write(temporary)
         os.replace(temporary, path)

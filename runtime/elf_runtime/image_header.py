@@ -61,8 +61,8 @@ def is_cut_off(data: bytes, header: Header) -> bool:
         if header.kind == "BMP":
             return len(data) < int.from_bytes(data[2:6], "little")
         if header.kind == "GIF":
-            return b"\x3b" not in data[-16:]
-    except struct.error:
+            return _gif_ends_early(data)
+    except (struct.error, IndexError):
         return True
     return False
 
@@ -80,6 +80,23 @@ def _png_ends_early(data: bytes) -> bool:
         at += length + 12
         if kind == b"IEND" or at > len(data):
             return at > len(data)
+
+
+def _gif_ends_early(data: bytes) -> bool:
+    at = 13 + _gif_colors(data[10])
+    while data[at] != 0x3B:
+        if data[at] == 0x2C:  # an image: its place and colours, then blocks; else an extension: a label, then blocks
+            at += 9 + _gif_colors(data[at + 9])
+        at += 2
+        while data[at]:
+            at += 1 + data[at]
+        at += 1
+    return False
+
+
+def _gif_colors(flags: int) -> int:
+    """Bytes of the colour table that the flags announce."""
+    return 3 << (flags & 7) + 1 if flags & 0x80 else 0
 
 
 def _jpeg(_: bytes, file: BinaryIO) -> _Sides:

@@ -66,6 +66,9 @@ class OnnxFile:
     outputs: tuple[Tensor, ...]
     metadata: dict[str, str]
 
+    def __repr__(self) -> str:
+        return f"OnnxFile({len(self.nodes)} nodes, {len(self.initializers)} initializers, opsets {self.opsets})"
+
     def op_counts(self) -> dict[str, int]:
         """Op -> number of nodes, the most frequent first; ops of other domains as ``domain.Op``."""
         names = [n.op if n.domain in ("", "ai.onnx") else f"{n.domain}.{n.op}" for n in self.nodes]

@@ -123,7 +123,7 @@ def detection_picture(
     heat = cv2.resize(heatmap(trace.saliency), size, interpolation=cv2.INTER_LINEAR)
     share = 100.0 * float(trace.mask.mean())
     panels = [
-        titled(draw_keypoints(view, seen), f"{title}  {len(features)} keypoints".lstrip(), legend=True),
+        titled(draw_keypoints(view, seen), title, f"{len(features)} keypoints", legend=True),
         titled(heat, "saliency S = |F^T dF/dI|"),
         titled(draw_mask(view, trace.mask), f"threshold: {share:.1f} % pass"),
     ]
@@ -134,7 +134,7 @@ def match_picture(
     images: Sequence[npt.NDArray[Any]],
     points: Sequence[npt.NDArray[np.float32]],
     inliers: npt.NDArray[np.bool_] | None = None,
-    titles: Sequence[str] = ("", ""),
+    titles: Sequence[tuple[str, str]] = (("", ""), ("", "")),
     panel_side: int = 800,
 ) -> Picture:
     """Two images side by side with a line for each match.
@@ -146,14 +146,15 @@ def match_picture(
         Row i of the one is matched with row i of the other; (x, y) in pixels.
     inliers : (M,) bool, optional
         Inliers are drawn in green over the others' thin red; without it each match has a colour of its own.
-    titles : two texts
+    titles : two pairs of texts
+        A name, which is cut where there is no room, and what stands behind it.
     """
     views, factors = [], []
     for image in images:
         view, factor = _fitted(displayable(image), panel_side)
         views.append(_dimmed(view, 0.7))
         factors.append(factor)
-    panels = [titled(view, title) for view, title in zip(views, titles, strict=True)]
+    panels = [titled(view, *title) for view, title in zip(views, titles, strict=True)]
     picture = side_by_side(panels)
     top = panels[0].shape[0] - views[0].shape[0]
     left = picture.shape[1] - panels[1].shape[1]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import threading
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import onnxruntime as ort
@@ -97,6 +99,11 @@ class Sessions:
         """Start anew in a forked child: the parent's sessions are not for it, and its lock may be held by nobody."""
         self._open, self._last, self._pixels = {}, {}, {}
         self._opening = threading.Lock()
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of the model's bytes."""
+        return hashlib.sha256(self._model).hexdigest()
 
     def __len__(self) -> int:
         return len(self._open)

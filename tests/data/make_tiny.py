@@ -63,6 +63,7 @@ def tiny() -> onnx.ModelProto:
         network="tiny",
         layer="pool1",
         stride=2.0,
+        receptive_field=4.0,
         descriptors=tuple(
             DescriptorSpec(descriptor_output(name), name, CHANNELS, 2.0, 0.5) for name in ("relu2", "pool1")
         ),

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import cv2
+import numpy.typing as npt
 
+from elf_runtime import image as images
 from elf_runtime.canvas import Picture
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.errors import ElfError, SettingError
+from elf_runtime.errors import ElfError, SettingError, one_line, printable
 from elf_runtime.files import discard_stdout, write_atomically
+from elf_runtime.image import MAX_PIXELS
 from elf_runtime.params import PRESETS, DetectionParams
 
 from ._settings import setting
@@ -62,8 +66,24 @@ def run(
 
 def report(command: str, error: object) -> None:
     """One line ``command: error: ...`` on stderr."""
-    text = " ".join(str(error).split())
-    print(f"{command}: error: {text}", file=sys.stderr)
+    say(f"{command}: error: {one_line(str(error))}", sys.stderr)
+
+
+def say(line: str, stream: TextIO) -> None:
+    """Print a line, in the characters that the stream has, and none that a terminal would obey."""
+    text = "\n".join(map(printable, line.split("\n")))
+    encoding = stream.encoding or "utf-8"
+    print(text.encode(encoding, "backslashreplace").decode(encoding), file=stream)
+
+
+def write_json(target: str, data: Mapping[str, Any]) -> None:
+    """Write data as JSON into a file, whose folder is made, or to standard output where the target is ``-``."""
+    text = json.dumps(data, indent=2) + "\n"
+    if target == "-":
+        sys.stdout.write(text)
+    else:
+        Path(target).parent.mkdir(parents=True, exist_ok=True)
+        write_text(Path(target), text)
 
 
 def add_model_options(parser: argparse.ArgumentParser, model: bool = True) -> None:
@@ -104,6 +124,10 @@ def add_detection_options(parser: argparse.ArgumentParser) -> None:
         "--border", type=int, metavar="B", help="no keypoints within B pixels of the image's edges"
     )
     group.add_argument(
+        "--grid", type=grid, metavar="RxC",
+        help="spread keypoints over R x C cells of the image, an equal share each",
+    )  # fmt: skip
+    group.add_argument(
         "--preset", choices=PRESETS,
         help="fast, default (the model's own), accurate, or settings of the ELF paper's experiments",
     )  # fmt: skip
@@ -120,13 +144,22 @@ def add_detection_options(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def add_exif_option(parser: argparse.ArgumentParser) -> None:
+def add_image_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--ignore-exif",
         action="store_true",
         help="take images as they are stored, as COLMAP does; by default they are turned as their EXIF orientation "
         "says, and keypoints are in the turned image (OpenCV turns TIFF files in any case)",
     )
+    parser.add_argument(
+        "--max-pixels", type=positive, default=MAX_PIXELS, metavar="N",
+        help=f"refuse image files of more pixels before decoding them; default: {MAX_PIXELS:,}",
+    )  # fmt: skip
+
+
+def read_image(path: str | Path, args: argparse.Namespace) -> npt.NDArray[Any]:
+    """The pixels of a file, as `image.read`, by the options of `add_image_options`."""
+    return images.read(path, ignore_exif=args.ignore_exif, max_pixels=args.max_pixels)
 
 
 def settings(args: argparse.Namespace) -> dict[str, Any]:
@@ -137,7 +170,7 @@ def settings(args: argparse.Namespace) -> dict[str, Any]:
     UsageError
         On a --set of an unknown name, or of one that has an option which is given too.
     """
-    names = ("max_keypoints", "threshold", "nms_radius", "border", "preset", "scale", "descriptor")
+    names = ("max_keypoints", "threshold", "nms_radius", "border", "grid", "preset", "scale", "descriptor")
     given = {name: getattr(args, name) for name in names}
     for name, _ in args.set:
         if name not in _SETTINGS:
@@ -157,6 +190,21 @@ def params(elf: ElfRuntime, args: argparse.Namespace) -> DetectionParams:
     """
     given = settings(args)
     return elf.params(given.pop("preset"), **{name: value for name, value in given.items() if name != "descriptor"})
+
+
+def origin(elf: ElfRuntime, args: argparse.Namespace) -> dict[str, Any]:
+    """Which model, provider and settings results come from, as plain data."""
+    contract = elf.contract
+    spec = contract.descriptor(args.descriptor)
+    return {
+        "model": args.model or "bundled",
+        "model_sha256": elf.sha256,
+        "network": contract.network,
+        "layer": contract.layer,
+        "descriptor": spec.layer if spec else None,
+        "provider": elf.providers[0],
+        "settings": params(elf, args).to_dict(),
+    }
 
 
 def open_runtime(args: argparse.Namespace) -> ElfRuntime:
@@ -184,6 +232,15 @@ def threshold(text: str) -> str | float:
         return float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not 'kapur', 'none' or a number") from None
+
+
+def grid(text: str) -> tuple[int, int]:
+    """An argparse type: ``4x6``, rows and columns."""
+    rows, _, columns = text.partition("x")
+    try:
+        return positive(rows), positive(columns)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not ROWSxCOLUMNS") from None
 
 
 def short_name(path: str | Path) -> str:

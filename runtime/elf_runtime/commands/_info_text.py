@@ -8,6 +8,8 @@ from typing import Any
 
 import onnxruntime as ort
 
+from elf_runtime.errors import one_line, printable, shortened
+
 # What the contract's keys of `parity` mean; the errors are the worst of the export's checks.
 _PARITY = {
     "median_error": "median error of the saliency against float64, of its maximum",
@@ -31,9 +33,14 @@ _PARITY = {
 }
 
 
+# What a screen is for: a file may hold a thousand tensors, or a megabyte of text.
+_MOST_TENSORS = 20
+_LONGEST = 1000  # characters of an entry
+
+
 def report_text(report: Mapping[str, Any]) -> str:
     """The report of one model, for reading."""
-    rows = [f"{report['file']}  ({_size(report['bytes'])})"]
+    rows = [f"{one_line(report['file'])}  ({_size(report['bytes'])})"]
     if "contract" in report:
         rows += _contract_rows(report["contract"], report["gflop_per_megapixel"])
     rows += _graph_rows(report["graph"]) if report["graph"] else ["", "in ORT format: its graph is not listed"]
@@ -44,7 +51,7 @@ def report_text(report: Mapping[str, Any]) -> str:
             if run["agreement"]:
                 rows.append(_row("", _agreement(run["agreement"])))
     if "ort" in report:
-        rows += ["", f"wrote {report['ort']}"]
+        rows += ["", f"wrote {one_line(report['ort'])}"]
     return "\n".join(rows)
 
 
@@ -55,8 +62,10 @@ def _graph_rows(graph: Mapping[str, Any]) -> list[str]:
     for kind in ("inputs", "outputs"):
         rows += [
             _row(kind[:-1], f"{name}  {tensor['dtype']} ({', '.join(map(str, tensor['dims']))})")
-            for name, tensor in graph[kind].items()
+            for name, tensor in list(graph[kind].items())[:_MOST_TENSORS]
         ]
+        if len(graph[kind]) > _MOST_TENSORS:
+            rows.append(_row("", f"and {len(graph[kind]) - _MOST_TENSORS} more {kind}"))
     for dtype, entry in graph["stored"].items():
         size = f"{entry['values']:,} values in {entry['tensors']} tensors, {_size(entry['bytes'])}"
         rows.append(_row(f"stored {dtype}", size))
@@ -77,6 +86,8 @@ def _contract_rows(contract: Mapping[str, Any], gflop: Mapping[str, float]) -> l
     rows.append(_row("precision", contract["precision"]))
     origin = [weights["source"], f"licence {weights['licence']}" if weights["licence"] else ""]
     rows.append(_row("weights", ", ".join(filter(None, origin)) or "not recorded"))
+    if contract["receptive_field"]:
+        rows.append(_row("receptive field", f"{contract['receptive_field']:g} pixels of the working image"))
     if weights["sha256"]:
         rows.append(_row("sha256", weights["sha256"]))
     rows.append(_row("detection", ", ".join(f"{k} {_short(v)}" for k, v in contract["detection"].items())))
@@ -160,7 +171,7 @@ def _sizes(spec: Mapping[str, Any]) -> str:
 def _row(label: str, text: str) -> str:
     head = f"  {label:<16} "
     return textwrap.fill(
-        text,
+        printable(shortened(text, _LONGEST)),
         110,
         initial_indent=head,
         subsequent_indent=" " * len(head),

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import glob
-from collections import Counter
+import os
 from collections.abc import Sequence
 from pathlib import Path
+
+from elf_runtime.features import load_record
+from elf_runtime.files import real
 
 from ._common import IMAGE_SUFFIXES, UsageError
 
 
-def image_files(arguments: Sequence[str], recursive: bool = False) -> list[Path]:
+def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | None = None) -> dict[Path, Path]:
     """Files, the image files of folders (sorted), and what patterns match; each file once.
 
     Parameters
@@ -18,15 +21,24 @@ def image_files(arguments: Sequence[str], recursive: bool = False) -> list[Path]
     arguments : sequence of str
     recursive : bool
         Whether a folder's subfolders count, links to folders not; hidden files and folders never do.
+    base : Path, optional
+        See below.
 
     A file that is named stays in the list even if it does not exist: its error belongs to it alone.
+
+    Returns
+    -------
+    dict
+        Each image's path -> the name, without ending, of what is written for it, whatever else is in the run: its path
+        as it is given, ``photos/x/1`` for ``../photos/x/1.jpg``; of an absolute one the part below the folder that is
+        given, or the file's name; with `base`, the part below that.
 
     Raises
     ------
     UsageError
-        If a folder or a pattern has no image.
+        If a folder or a pattern has no image, or an image is not below `base`.
     """
-    found: list[Path] = []
+    found: list[tuple[Path, Path]] = []
     for argument in arguments:
         path = Path(argument)
         if path.is_dir():
@@ -38,19 +50,32 @@ def image_files(arguments: Sequence[str], recursive: bool = False) -> list[Path]
                 raise UsageError(
                     f"{argument}: no images ({', '.join(sorted(IMAGE_SUFFIXES))}) in this folder{place}"
                 )
-            found += inside
-        elif not path.exists() and glob.has_magic(argument):
+            found += [(p, path) for p in inside]
+        elif not os.path.lexists(path) and glob.has_magic(argument):
             # Where the shell has not expanded it: it was quoted, or the shell is Windows' own.
             matches = sorted(Path(p) for p in glob.glob(argument, recursive=True))
             if not matches:
                 raise UsageError(f"{argument}: no file matches")
-            found += [p for p in matches if p.is_file()]
+            found += [(p, p.parent) for p in matches if p.is_file()]
         else:
-            found.append(path)
-    unique: dict[Path, Path] = {}
-    for path in found:
-        unique.setdefault(path.resolve(), path)
-    return list(unique.values())
+            found.append((path, path.parent))
+    names: dict[Path, Path] = {}
+    seen: set[Path] = set()
+    for path, folder in found:
+        if real(path) not in seen:
+            seen.add(real(path))
+            names[path] = _name(path, folder, base)
+    return names
+
+
+def _name(path: Path, folder: Path, base: Path | None) -> Path:
+    if base is not None:
+        whole, start = Path(os.path.abspath(path)), os.path.abspath(base)
+        if not whole.is_relative_to(start):
+            raise UsageError(f"--base {base}: {path} is not below it")
+        return whole.relative_to(start).with_suffix("")
+    below = path.relative_to(folder) if path.is_absolute() else path
+    return Path(*(part for part in below.parts if part != "..")).with_suffix("")
 
 
 def check_pictures(arguments: Sequence[str], paths: Sequence[Path], output: Path, recursive: bool) -> None:
@@ -70,46 +95,13 @@ def check_pictures(arguments: Sequence[str], paths: Sequence[Path], output: Path
     UsageError
         If images are taken from that folder.
     """
-    out = output.resolve()
+    out = real(output)
     for folder in map(Path, arguments):
-        if folder.is_dir() and (out == folder.resolve() or (recursive and folder.resolve() in out.parents)):
+        if folder.is_dir() and (out == real(folder) or (recursive and real(folder) in out.parents)):
             raise UsageError(
                 f"-o {output}: the pictures would be taken for images of the folder {folder} next time; "
                 "give a folder outside it, or --no-picture"
             )
     for path in paths:
-        if path.suffix.lower() == ".png" and path.parent.resolve() == out:
-            raise UsageError(
-                f"-o {output}: {path} may be a picture that was written there; give another folder, or --no-picture"
-            )
-
-
-def output_names(paths: Sequence[Path]) -> list[str]:
-    """A name for each file's output: its stem, and as much more as tells it from the others.
-
-    ``a/1.png`` and ``b/1.png`` become ``a_1`` and ``b_1``, ``a/x/1.png`` and ``b/x/1.png`` ``a_x_1`` and ``b_x_1``;
-    ``1.png`` and ``1.jpg`` of one folder become ``1_png`` and ``1_jpg``.  Names that differ in case only count as
-    equal, as some file systems have it.
-    """
-    folders = [path.parent.relative_to(path.anchor).parts for path in map(Path.resolve, paths)]
-    depths = range(max(map(len, folders), default=0) + 1)
-    tiers = [(depth, suffix) for suffix in (False, True) for depth in depths]
-    names: dict[int, str] = {}
-    for depth, suffix in tiers:
-        rest = {
-            i: "_".join([*folders[i][len(folders[i]) - depth :], path.stem, *([path.suffix[1:]] if suffix else [])])
-            for i, path in enumerate(paths)
-            if i not in names and depth <= len(folders[i])
-        }
-        counts = Counter(name.lower() for name in (*rest.values(), *names.values()))
-        names |= {i: name for i, name in rest.items() if counts[name.lower()] == 1}
-    taken = {name.lower() for name in names.values()}
-    for i, path in enumerate(paths):
-        number = 2
-        while i not in names:
-            name = f"{path.stem}_{number}"
-            if name.lower() not in taken:
-                names[i] = name
-                taken.add(name.lower())
-            number += 1
-    return [names[i] for i in range(len(paths))]
+        if path.suffix.lower() == ".png" and load_record(path.with_suffix(".npz")) is not None:
+            raise UsageError(f"{path} is a picture that elf-detect wrote; leave it out, or --no-picture")

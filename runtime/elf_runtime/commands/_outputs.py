@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from elf_runtime.errors import ElfError
-from elf_runtime.files import existing, unwritable
+from elf_runtime.files import existing, real, unwritable
 
 from ._common import UsageError
 
@@ -25,7 +25,7 @@ def check_outputs(
     inputs : mapping
         What they are, in words -> files.
     made : Path, optional
-        The folder of ``-o``, which the command makes, with those above it, before it writes.
+        The folder of ``-o``, which the command makes, with those above and below it, before it writes.
 
     Raises
     ------
@@ -35,7 +35,7 @@ def check_outputs(
         If an output's folder is missing or read-only, or what has an output's name is no file.
     """
     taken = {_identity(path): f"is {what}" for what, files in inputs.items() for path in _paths(files)}
-    new = {made.resolve(), *made.resolve().parents} if made is not None else set()
+    new = {real(made), *real(made).parents} if made is not None else set()
     if made is not None:
         _check_folder("-o", existing(made))
     for option, files in outputs.items():
@@ -47,8 +47,9 @@ def check_outputs(
             if path.exists() and not path.is_file():
                 raise ElfError(f"{option}: {path} exists and is not a file")
         for folder in {path.parent for path in _paths(files)}:
-            if folder.exists() or folder.resolve() not in new:
-                _check_folder(option, folder)
+            below = made is not None and real(made) in real(folder).parents
+            if below or folder.exists() or real(folder) not in new:
+                _check_folder(option, existing(folder) if below else folder)
 
 
 def _paths(files: Sequence[str | Path | None]) -> list[Path]:
@@ -65,5 +66,5 @@ def _identity(path: Path) -> tuple[int, int] | Path:
     try:
         status = path.stat()
     except OSError:
-        return path.resolve()
+        return real(path)
     return status.st_dev, status.st_ino

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
-import json
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -159,13 +158,9 @@ def _work(args: argparse.Namespace) -> int:
                 entry["saliency_agreement"] = _agreement(lane.image, twin or elf, torch_saliency)
             entry["memory"] = peak_memory(args.model, args.provider, args.threads, lane.image.shape[:2])
             report["sizes"].append(entry)
-    print(table(report), file=sys.stderr if args.json == "-" else sys.stdout)
+    _common.say(table(report), sys.stderr if args.json == "-" else sys.stdout)
     if args.json:
-        text = json.dumps(report, indent=1) + "\n"
-        if args.json == "-":
-            sys.stdout.write(text)
-        else:
-            _common.write_text(Path(args.json), text)
+        _common.write_json(args.json, report)
     return 0
 
 

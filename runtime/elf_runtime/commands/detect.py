@@ -3,37 +3,46 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
+import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from elf_runtime import image as images
+import numpy as np
+
+import elf_runtime
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.errors import ElfError
+from elf_runtime.errors import ElfError, ImageError, printable, reason
+from elf_runtime.features import load_record
+from elf_runtime.files import file_sha256
 from elf_runtime.render import detection_picture
 
 from . import _common
-from ._inputs import check_pictures, image_files, output_names
+from ._inputs import check_pictures, image_files
 from ._outputs import check_outputs
 
 DESCRIPTION = """\
 Detect ELF keypoints in images and describe them.
 
-For every image NAME.png, DIR gets
-  NAME.npz   keypoints (N, 2) as x, y in pixels, scores (N,), descriptors (N, D), image_size (height, width),
-             nms_radius
-  NAME.csv   x,y,score
-  NAME.png   a picture: keypoints, saliency and threshold side by side
+For every image photos/NAME.jpg, DIR gets
+  photos/NAME.npz   keypoints (N, 2) as x, y in pixels, scores (N,), descriptors (N, D), image_size (height, width),
+                    nms_radius, and a record of image, model and settings
+  photos/NAME.csv   x,y,score
+  photos/NAME.png   a picture: keypoints, saliency and threshold side by side
+DIR mirrors the images' folders as they are given; of absolute paths what is below the folder given, or --base.
+Results of another image are never overwritten.
 Pixel centres are at whole numbers, (0, 0) is the centre of the top left pixel, as in OpenCV.
 An image is turned as its EXIF orientation says, and so are its keypoints; --ignore-exif takes it as it is stored."""
 
 EPILOG = """\
 examples:
   elf-detect photo.jpg -o out/
-  elf-detect photos/ 'more/*.png' -o out/ --max-keypoints 1000 --scale 0.5
+  elf-detect photos/ 'more/*.png' -o out/ --max-keypoints 1000 --scale 0.5 --skip-existing
+  elf-detect /data/sequence -o out/ --base /data/sequence --grid 4x6 --no-picture
   elf-detect photos/ --recursive -o out/ --ignore-exif --set normalize=0.95
   elf-detect photo.jpg -o out/ --preset paper --mask roi.png --json -
 
@@ -55,11 +64,22 @@ def build_parser() -> argparse.ArgumentParser:
         help="folder of the results, made where it is missing; with pictures, none that images are taken from",
     )
     parser.add_argument(
-        "--mask", metavar="FILE", help="image of the same size: keypoints only where it is not black"
+        "--base", type=Path, metavar="FOLDER", help="mirror in DIR what is below this folder of the images' paths"
+    )
+    parser.add_argument(
+        "--skip-existing", action="store_true",
+        help="leave out images whose results are there, of the same pixels, model and settings",
+    )  # fmt: skip
+    parser.add_argument(
+        "--overwrite", action="store_true", help="replace what is there even if it is not this image's result"
+    )
+    parser.add_argument(
+        "--mask", metavar="FILE",
+        help="image of the same size: keypoints only where it is not black, and away from its edge (see mask_border)",
     )
     parser.add_argument("--no-picture", action="store_true", help="write no NAME.png")
     parser.add_argument("--json", metavar="FILE", help="write a summary of the run; - is standard output")
-    _common.add_exif_option(parser)
+    _common.add_image_options(parser)
     _common.add_detection_options(parser)
     _common.add_model_options(parser)
     return parser
@@ -70,9 +90,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _work(args: argparse.Namespace) -> int:
-    paths = image_files(args.images, args.recursive)
-    names = output_names(paths)
-    written = [args.output / f"{name}.{ending}" for name in names for ending in _endings(args)]
+    stems = {path: args.output / name for path, name in image_files(args.images, args.recursive, args.base).items()}
+    paths = list(stems)
+    # Two images of one name: the second finds the first's results there.
+    written = [Path(f"{stem}.{ending}") for stem in dict.fromkeys(stems.values()) for ending in _endings(args)]
     check_outputs(
         {"-o": written, "--json": [args.json]},
         {"an input image": paths, "the mask": [args.mask], "the model": [args.model]},
@@ -81,52 +102,104 @@ def _work(args: argparse.Namespace) -> int:
     if not args.no_picture:
         check_pictures(args.images, paths, args.output, args.recursive)
     elf = _common.open_runtime(args)
-    mask = _read_mask(args.mask, args.ignore_exif) if args.mask else None
+    run = _Run(elf, args, _read_mask(args.mask, args) if args.mask else None)
     # The summary alone goes to standard output where it is asked for there.
     progress = sys.stderr if args.json == "-" else sys.stdout
     results = []
-    for path, name in zip(paths, names, strict=True):
+    for path, stem in stems.items():
         try:
-            result = _detect(elf, path, args.output / name, mask, args)
+            result = run.detect(path, stem)
         except (ElfError, OSError) as error:
-            text = str(error) if str(error).startswith(f"{path}:") else f"{path}: {error}"
+            text = str(error) if str(error).startswith(printable(f"{path}:")) else f"{path}: {error}"
             _common.report("elf-detect", text)
             results.append({"image": str(path), "error": text})
             continue
         results.append(result)
-        height, width = result["size"]
-        print(
-            f"{path}: {result['keypoints']} keypoints, {width}x{height}, {result['seconds']:.2f} s"
-            f" -> {result['output']}",
-            file=progress,
-        )
+        _common.say(_line(result), progress)
     if args.json:
-        _write_summary(args, elf, results)
+        images = [{k: v for k, v in result.items() if k != "asked"} for result in results]
+        _common.write_json(args.json, {**_common.origin(elf, args), "images": images})
     return _common.FAILED if any("error" in result for result in results) else 0
 
 
-def _detect(elf: ElfRuntime, path: Path, stem: Path, mask: Any, args: argparse.Namespace) -> dict[str, Any]:
-    start = time.perf_counter()
-    pixels = images.read(path, ignore_exif=args.ignore_exif)
-    read = time.perf_counter() - start
-    trace = elf.trace(pixels, mask=mask, **_common.settings(args))
-    seconds = time.perf_counter() - start
-    endings = _endings(args)
-    stem.parent.mkdir(parents=True, exist_ok=True)
-    for ending in ("npz", "csv"):
-        trace.features.save(f"{stem}.{ending}")
-    if not args.no_picture:
-        _common.write_picture(Path(f"{stem}.png"), detection_picture(pixels, trace, _common.short_name(path)))
-    return {
-        "image": str(path),
-        "output": f"{stem}.{endings[0]}, " + ", ".join(f".{ending}" for ending in endings[1:]),
-        "files": [f"{stem}.{ending}" for ending in endings],
-        "size": list(trace.features.image_size),
-        "keypoints": len(trace.features),
-        "passed": float(trace.mask.mean()),
-        "seconds": seconds,
-        "stages": trace.seconds | {"read": read},
-    }
+def _line(result: Mapping[str, Any]) -> str:
+    """What is said of an image that is done."""
+    first, *others = result["files"]
+    files = ", ".join([first, *(Path(file).suffix for file in others)])
+    if result["skipped"]:
+        return f"{result['image']}: skipped, {files} are of these pixels, model and settings"
+    count, asked = result["keypoints"], result["asked"]
+    height, width = result["size"]
+    # Who asks for 2000 and gets 413 wants to know why.
+    why = f" of {asked} asked for, no more pass the threshold (--threshold)" if asked and count < asked else ""
+    return f"{result['image']}: {count} keypoints{why}, {width}x{height}, {result['seconds']:.2f} s -> {files}"
+
+
+class _Run:
+    """Images with one model and one set of options."""
+
+    def __init__(self, elf: ElfRuntime, args: argparse.Namespace, mask: Any) -> None:
+        self._elf, self._args, self._mask = elf, args, mask
+        self._written: dict[str, str] = {}  # results -> image
+        origin = _common.origin(elf, args)
+        kept = ("model_sha256", "network", "layer", "descriptor", "settings")
+        self._record = {name: origin[name] for name in kept} | {"ignore_exif": args.ignore_exif}
+        if mask is not None:
+            self._record["mask_sha256"] = hashlib.sha256(np.packbits(mask).tobytes()).hexdigest()
+
+    def detect(self, path: Path, stem: Path) -> dict[str, Any]:
+        """Keypoints of one image, into files.
+
+        Raises
+        ------
+        ElfError
+            If it can't be read, or the files there are another image's results.
+        """
+        start = time.perf_counter()
+        files = [f"{stem}.{ending}" for ending in _endings(self._args)]
+        record = self._record | {"image": os.path.realpath(path), "elf-onnx": elf_runtime.__version__}
+        try:
+            record["image_sha256"] = file_sha256(path)
+        except OSError as error:
+            raise ImageError(f"{path}: {reason(error)}") from error
+        if self._existing(record, files):
+            return {"image": str(path), "files": files, "skipped": True}
+        pixels = _common.read_image(path, self._args)
+        read = time.perf_counter() - start
+        trace = self._elf.trace(pixels, mask=self._mask, **_common.settings(self._args))
+        seconds = time.perf_counter() - start
+        stem.parent.mkdir(parents=True, exist_ok=True)
+        if not self._args.no_picture:
+            picture = detection_picture(pixels, trace, _common.short_name(path))
+            _common.write_picture(Path(f"{stem}.png"), picture)
+        trace.features.save(f"{stem}.csv")
+        trace.features.save(f"{stem}.npz", record)  # last: what it says of the others is true
+        return {
+            "image": str(path),
+            "files": files,
+            "size": list(trace.features.image_size),
+            "keypoints": len(trace.features),
+            "asked": self._args.max_keypoints,
+            "passed": float(trace.mask.mean()),
+            "seconds": seconds,
+            "stages": trace.seconds | {"read": read},
+            "skipped": False,
+        }
+
+    def _existing(self, record: Mapping[str, Any], files: Sequence[str]) -> bool:
+        """Whether the files are there and need not be made again."""
+        there = [file for file in files if os.path.lexists(file)]
+        found = load_record(files[0])
+        if files[0] in self._written:
+            raise ElfError(f"{files[0]} holds the results of {self._written[files[0]]}; give another -o, or --base")
+        self._written[files[0]] = record["image"]
+        if not there or self._args.overwrite:
+            return False
+        if found is None or found.get("image") != record["image"]:
+            whose = "is no result of elf-detect" if found is None else f"holds the results of {found.get('image')}"
+            raise ElfError(f"{there[0]} {whose}; give another -o, or --base, or --overwrite")
+        same = found == json.loads(json.dumps(record))
+        return bool(self._args.skip_existing and len(there) == len(files) and same)
 
 
 def _endings(args: argparse.Namespace) -> list[str]:
@@ -134,30 +207,10 @@ def _endings(args: argparse.Namespace) -> list[str]:
     return ["npz", "csv"] if args.no_picture else ["npz", "csv", "png"]
 
 
-def _read_mask(path: str, ignore_exif: bool) -> Any:
-    mask = images.read(path, ignore_exif=ignore_exif)
+def _read_mask(path: str, args: argparse.Namespace) -> Any:
+    mask = _common.read_image(path, args)
     # A colour picture of a mask: black is black in all of its colours.  What alpha leaves out counts as black.
-    return mask if mask.ndim == 2 else mask[:, :, :3].any(axis=2) & (mask[:, :, 3:] > 0).all(axis=2)
-
-
-def _write_summary(args: argparse.Namespace, elf: ElfRuntime, results: list[dict[str, Any]]) -> None:
-    contract = elf.contract
-    spec = contract.descriptor(args.descriptor)
-    summary = {
-        "model": args.model or "bundled",
-        "network": contract.network,
-        "layer": contract.layer,
-        "descriptor": spec.layer if spec else None,
-        "provider": elf.providers[0],
-        "settings": _common.params(elf, args).to_dict(),
-        "images": [{k: v for k, v in result.items() if k != "output"} for result in results],
-    }
-    text = json.dumps(summary, indent=2) + "\n"
-    if args.json == "-":
-        sys.stdout.write(text)
-    else:
-        Path(args.json).parent.mkdir(parents=True, exist_ok=True)
-        _common.write_text(Path(args.json), text)
+    return mask > 0 if mask.ndim == 2 else mask[:, :, :3].any(axis=2) & (mask[:, :, 3:] > 0).all(axis=2)
 
 
 if __name__ == "__main__":

@@ -103,7 +103,7 @@ def _work(args: argparse.Namespace) -> int:
     if args.ort and not failures:
         to_ort(path, args.ort, this_machine=args.this_machine)
         report["ort"] = args.ort
-    print(json.dumps(report, indent=2) if args.json else report_text(report))
+    _common.say(json.dumps(report, indent=2) if args.json else report_text(report), sys.stdout)
     sys.stdout.flush()
     for reason in failures:
         _common.report("elf-info", reason)

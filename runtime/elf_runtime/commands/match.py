@@ -1,17 +1,17 @@
-"""elf-match: the matches of two images, as a picture."""
+"""elf-match: the matches of two images, as a picture, a file, or counts."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
-from elf_runtime import image as images
+from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import SettingError
 from elf_runtime.features import Features
 from elf_runtime.files import write_atomically
@@ -23,16 +23,22 @@ from . import _common
 from ._outputs import check_outputs
 
 DESCRIPTION = """\
-Match the ELF keypoints of two images (mutual nearest neighbours in descriptor space) and draw the matches.
+Match the ELF keypoints of two images (mutual nearest neighbours in descriptor space), count the matches, and draw
+or save them where that is asked for.
 
 With --ransac, one homography (a plane, or a camera that only turns) or fundamental matrix (any rigid scene)
-is fitted to them by MAGSAC++; its inliers are drawn in green, the other matches in thin red.
+is fitted to them by MAGSAC++; its inliers are drawn in green, the other matches in thin red. One that as many
+unrelated matches would give by chance is not supported by them: it is said so, and none is given.
 Images are turned as their EXIF orientation says, and so are their keypoints; --ignore-exif takes them as stored."""
 
 EPILOG = """\
 examples:
   elf-match left.jpg right.jpg -o matches.png
+  elf-match left.jpg right.jpg --json -
   elf-match left.jpg right.jpg -o matches.png --ratio 0.9 --ransac homography --save matches.npz
+
+exit status: 0, also where no geometry is supported; 1 if an image or a file can't be read or written; 2 on a wrong
+command line
 
 --save writes pairs (M, 2) of indices, the matched points_a and points_b (M, 2) as x, y in pixels, their
 scores_a and scores_b (M,), inliers (M,), and the fitted matrix (3, 3), NaN where there is none."""
@@ -43,7 +49,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("a", metavar="A", help="first image")
     parser.add_argument("b", metavar="B", help="second image")
     parser.add_argument(
-        "-o", "--output", required=True, type=Path, metavar="FILE", help="picture: .png or .jpg"
+        "-o", "--output", type=Path, metavar="FILE", help="draw the matches: .png or .jpg"
     )
     parser.add_argument(
         "--ratio", type=float, metavar="R", help="keep matches below R x the second nearest distance"
@@ -57,9 +63,9 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--save", type=Path, metavar="FILE", help="write the matches as .npz")
     parser.add_argument(
-        "--json", metavar="FILE", help="write the counts and the matrix; - is standard output"
+        "--json", metavar="FILE", help="write images, model, settings, counts and the matrix; - is standard output"
     )
-    _common.add_exif_option(parser)
+    _common.add_image_options(parser)
     _common.add_detection_options(parser)
     _common.add_model_options(parser)
     return parser
@@ -79,7 +85,7 @@ def _work(args: argparse.Namespace) -> int:
         raise _common.UsageError(f"--save {args.save}: matches are saved as .npz")
     if args.ratio is not None and not 0.0 < args.ratio < 1.0:
         raise _common.UsageError(f"--ratio {args.ratio:g}: a ratio lies between 0 and 1")
-    if not cv2.haveImageWriter(f"x{args.output.suffix}"):
+    if args.output and not cv2.haveImageWriter(f"x{args.output.suffix}"):
         raise _common.UsageError(f"-o {args.output}: no image format has this ending; use .png or .jpg")
     check_outputs(
         {"-o": [args.output], "--save": [args.save], "--json": [args.json]},
@@ -88,62 +94,64 @@ def _work(args: argparse.Namespace) -> int:
     elf = _common.open_runtime(args)
     if elf.contract.descriptor(args.descriptor) is None:
         raise SettingError(f"{args.model}: exported with --desc none, it can't describe, and so not match")
-    pixels = [images.read(path, ignore_exif=args.ignore_exif) for path in (args.a, args.b)]
+    pixels = [_common.read_image(path, args) for path in (args.a, args.b)]
     first, second = (elf.detect(image, **_common.settings(args)) for image in pixels)
     pairs = match(first, second, args.ratio)
     points = (first.keypoints[pairs[:, 0]], second.keypoints[pairs[:, 1]])
     view = fit(*points, args.ransac, reach) if args.ransac else None
 
-    text = f"{len(pairs)} matches"
+    text, at_best = f"{len(pairs)} matches", ""
     if view is not None:
-        text += (
-            f", {int(view.inliers.sum())} {view.kind} inliers"
-            if view.matrix is not None
-            else f", no {view.kind}"
-        )
-    titles = [
-        f"{_common.short_name(args.a)}  {len(first)} keypoints, {text}",
-        f"{_common.short_name(args.b)}  {len(second)} keypoints",
-    ]
-    inliers = view.inliers if view is not None else None
-    _common.write_picture(args.output, match_picture(pixels, points, inliers, titles))
+        text += f", {int(view.inliers.sum())} {view.kind} inliers" if view.supported else f", no {view.kind}"
+        if view.matrix is not None and not view.supported:
+            at_best = f" that they support: {int(view.inliers.sum())} inliers at best, as chance would give"
+    if args.output:
+        titles = [
+            (_common.short_name(args.a), f"{len(first)} keypoints, {text}"),
+            (_common.short_name(args.b), f"{len(second)} keypoints"),
+        ]
+        inliers = view.inliers & view.supported if view is not None else None
+        _common.write_picture(args.output, match_picture(pixels, points, inliers, titles))
     if args.save:
         _save(args.save, pairs, (first, second), view)
-    line = f"{args.a}: {len(first)} keypoints, {args.b}: {len(second)} keypoints, {text} -> {args.output}"
-    print(line, file=sys.stderr if args.json == "-" else sys.stdout)
+    written = ", ".join(str(path) for path in (args.output, args.save) if path)
+    line = f"{args.a}: {len(first)} keypoints, {args.b}: {len(second)} keypoints, {text}{at_best}"
+    _common.say(line + (f" -> {written}" if written else ""), sys.stderr if args.json == "-" else sys.stdout)
     if args.json:
-        _write_summary(args.json, (first, second), len(pairs), view)
+        _common.write_json(args.json, _summary(args, elf, (first, second), len(pairs), view))
     return 0
 
 
 def _save(path: Path, pairs: np.ndarray, found: tuple[Features, Features], view: TwoView | None) -> None:
     first, second = found
-    fitted = view is not None and view.matrix is not None
+    fitted = view is not None and view.supported
     arrays = {
         "pairs": pairs,
         "points_a": first.keypoints[pairs[:, 0]],
         "points_b": second.keypoints[pairs[:, 1]],
         "scores_a": first.scores[pairs[:, 0]],
         "scores_b": second.scores[pairs[:, 1]],
-        "inliers": view.inliers if view is not None else np.ones(len(pairs), np.bool_),
+        "inliers": view.inliers & view.supported if view is not None else np.ones(len(pairs), np.bool_),
         "matrix": view.matrix if view is not None and fitted else np.full((3, 3), np.nan),
     }
     write_atomically(path, lambda temporary: np.savez_compressed(temporary, **arrays))
 
 
-def _write_summary(target: str, found: tuple[Features, Features], matches: int, view: TwoView | None) -> None:
-    summary = {
+def _summary(
+    args: argparse.Namespace, elf: ElfRuntime, found: tuple[Features, Features], matches: int, view: TwoView | None
+) -> dict[str, Any]:
+    return {
+        "images": [args.a, args.b],
+        **_common.origin(elf, args),
         "keypoints": [len(features) for features in found],
+        "ratio": args.ratio,
         "matches": matches,
         "ransac": view.kind if view is not None else None,
+        "supported": view.supported if view is not None else None,
         "inliers": int(view.inliers.sum()) if view is not None else None,
-        "matrix": view.matrix.tolist() if view is not None and view.matrix is not None else None,
+        "expected_by_chance": view.chance if view is not None and view.matrix is not None else None,
+        "matrix": view.matrix.tolist() if view is not None and view.matrix is not None and view.supported else None,
     }
-    text = json.dumps(summary, indent=2) + "\n"
-    if target == "-":
-        sys.stdout.write(text)
-    else:
-        _common.write_text(Path(target), text)
 
 
 if __name__ == "__main__":
