@@ -8,7 +8,7 @@ import numpy.typing as npt
 import pytest
 
 from elf_runtime import ElfRuntime
-from elf_runtime.contrast import contrast_at, contrast_map
+from elf_runtime.contrast import contrast_at, contrast_map, window_for
 from helpers import ROOT, textured
 
 PRESETS = ("fast", "default", "accurate")
@@ -49,6 +49,19 @@ def test_contrast_is_what_a_fitted_plane_leaves(channels: int, window: int) -> N
     np.testing.assert_allclose(contrast_at(pixels, points, window), wanted, rtol=1e-5)
     found = contrast_map(pixels, window)[points[:, 1], points[:, 0]]
     np.testing.assert_allclose(found, wanted, rtol=1e-3, atol=2e-2)
+
+
+@pytest.mark.parametrize(("field", "size", "side"), [
+    (0, (100, 100), 11), (10, (100, 100), 11), (12, (100, 100), 11), (13, (100, 100), 13), (44, (60, 90), 43),
+    (1e9, (64, 80), 63), (10, (8, 90), 7), (10, (1, 90), 3), (10, (2, 2), 3), (99, (99, 99), 99),
+])  # fmt: skip
+def test_the_window_is_odd_and_within_the_image(field: float, size: tuple[int, int], side: int) -> None:
+    assert window_for(field, size) == side
+    pixels = np.random.default_rng(0).random((*size, 3), np.float32)
+    found = contrast_map(pixels, side)
+    assert found.shape == size
+    corner = np.array([[0, 0], [size[1] - 1, size[0] - 1]])
+    np.testing.assert_allclose(contrast_at(pixels, corner, side), found[[0, -1], [0, -1]], atol=1e-3)
 
 
 def test_a_ramp_has_no_contrast_and_noise_has_its_deviation() -> None:

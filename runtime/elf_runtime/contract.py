@@ -291,7 +291,7 @@ class ModelContract:
                     f"{file}: 'elf.{key}' says output {name!r}, the graph has {sorted(by_name)}. {hint}"
                 )
             shape = list(tensor.shape)
-            wrong_dim = dim is not None and isinstance(shape[-1], int) and shape[-1] != dim
+            wrong_dim = len(shape) == rank and dim is not None and isinstance(shape[-1], int) and shape[-1] != dim
             if tensor.type != "tensor(float)" or len(shape) != rank or wrong_dim:
                 raise ContractError(
                     f"{file}: 'elf.{key}' says float32 of rank {rank}"

@@ -9,11 +9,13 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float32]
 
 LEAST_WINDOW = 11  # working pixels; smaller ones would call a blurred edge blank
+_FEW = 25  # the largest window that is cheaper to look at for 500 points than for a whole map
 
 
-def window_for(receptive_field: float) -> int:
-    """The side of the window, odd: what a cell of the feature map sees, and at least 11 working pixels."""
-    return max(LEAST_WINDOW, int(receptive_field)) | 1
+def window_for(receptive_field: float, size: tuple[int, int]) -> int:
+    """The side of the window, odd: what a cell of the feature map sees, at least 11 pixels, at most the image."""
+    side = min(max(LEAST_WINDOW, int(receptive_field)), *size)
+    return max(3, side - 1 | 1)
 
 
 def contrast_map(pixels: Array, window: int) -> Array:
@@ -48,6 +50,8 @@ def contrast_map(pixels: Array, window: int) -> Array:
 
 def contrast_at(pixels: Array, points: npt.NDArray[np.int64], window: int) -> Array:
     """`contrast_map` at (N, 2) points (x, y), without the rest of the map."""
+    if window > _FEW:
+        return np.asarray(contrast_map(pixels, window)[points[:, 1], points[:, 0]])
     r = window // 2
     framed = _channels(cv2.copyMakeBorder(pixels, r, r, r, r, cv2.BORDER_REFLECT_101))
     windows = np.lib.stride_tricks.sliding_window_view(framed, (window, window), axis=(0, 1))

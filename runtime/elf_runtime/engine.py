@@ -82,7 +82,8 @@ class ElfRuntime:
         counts as one of the `sizes`, with the same result up to float32's rounding.  0 is that one session only.  A
         model in ORT format has one session for all.
     max_pixels : int, optional
-        Image files whose header says more are refused before they are decoded (see `image.read`).  None is no limit.
+        Larger images are refused, files before they are decoded (see `image.read`): the network takes some 100 bytes
+        for each pixel at the default's working scale.  None is no limit.
 
     Raises
     ------
@@ -433,6 +434,7 @@ class ElfRuntime:
         with watch("read"):
             array = images.read(image, max_pixels=self._max_pixels)
         with watch("prepare"), images.named(image, place):
+            images.check_pixels(array.shape, self._max_pixels)
             return prepared(array, params, mask, self.contract, self._name)
 
     def _outputs(self, specs: Sequence[DescriptorSpec], saliency: bool = True) -> list[str]:

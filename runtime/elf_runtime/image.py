@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .contract import InputSpec
-from .errors import ImageError, reason
+from .errors import ImageError, first_line, reason
 from .filetype import HEAD, description, open_regular
 from .image_header import Header, is_cut_off, read_header
 
@@ -56,7 +56,8 @@ def read(
     try:
         with open_regular(path) as file:
             header = read_header(file)
-            _check_size(header, max_pixels)
+            if header:
+                check_pixels((header.height, header.width), max_pixels, f"the {header.kind} file")
             file.seek(0)
             data = np.fromfile(file, np.uint8) if header else np.frombuffer(file.read(HEAD), np.uint8)
         return _decoded(data, header, ignore_exif)
@@ -65,11 +66,12 @@ def read(
         raise ImageError(f"{path}: {text}") from error
 
 
-def _check_size(header: Header | None, max_pixels: int | None) -> None:
-    if header and max_pixels is not None and header.width * header.height > max_pixels:
+def check_pixels(shape: Sequence[int], max_pixels: int | None, what: str = "the image") -> None:
+    """Raise ImageError on an image of (height, width, ...) that has more pixels than are allowed."""
+    if max_pixels is not None and len(shape) > 1 and shape[0] * shape[1] > max_pixels:
         raise ImageError(
-            f"{header.kind} of {header.width}x{header.height} pixels, more than {max_pixels:,} are not decoded unless "
-            "max_pixels (--max-pixels) allows it"
+            f"{what} has {shape[1]}x{shape[0]} pixels, more than the limit of {max_pixels:,}; "
+            "max_pixels (--max-pixels) sets another"
         )
 
 
@@ -115,11 +117,12 @@ def _with_alpha(pixels: npt.NDArray[Any], stored: npt.NDArray[Any] | None) -> np
 @contextmanager
 def named(image: ImageLike, place: str = "") -> Iterator[None]:
     """What is wrong with the image is said of its path, or of `place` in a batch."""
-    label = place if isinstance(image, np.ndarray) else os.fspath(image)
+    label = place if isinstance(image, np.ndarray) else os.fsdecode(image)
     try:
         yield
-    except ImageError as error:
-        raise ImageError(f"{label}: {error}" if label else str(error)) from error
+    except (ImageError, MemoryError, cv2.error) as error:
+        text = str(error) if isinstance(error, ImageError) else f"it can't be processed: {first_line(error)}"
+        raise ImageError(f"{label}: {text}" if label else text) from error
 
 
 def to_pixels(image: npt.NDArray[Any], spec: InputSpec) -> Array:

@@ -127,8 +127,9 @@ def prepared(
     allowed = images.seen(array, mask)
     if allowed is not None:
         allowed = images.shrunk(allowed, _mask_border(params, contract.receptive_field, scale))
+    window = window_for(contract.receptive_field, (pixels.shape[0], pixels.shape[1]))
     gray_levels = 255.0 / spec.value_range * images.unused_range(array)
-    return Work(pixels, size, scale, allowed, textured, window_for(contract.receptive_field), gray_levels)
+    return Work(pixels, size, scale, allowed, textured, window, gray_levels)
 
 
 def _mask_border(params: DetectionParams, receptive_field: float, scale: float) -> int:
