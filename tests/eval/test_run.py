@@ -371,6 +371,17 @@ def test_oxford_gives_the_known_figures(detector, known, shared, resources):
     assert figures == pytest.approx(known, abs=0.9)
 
 
+def test_laplacian_is_repeated_more_than_sobel_as_in_the_paper(shared, resources):
+    dataset = DatasetEntry("Oxford", f"hpatches:{shared / 'data/oxford_affine'}")
+    kinds = ("laplacian", "sobel", "laplacian?kernel=3")
+    results = run(Suite([MethodEntry(kind, kind) for kind in kinds], [dataset]), resources)
+    pairs = {kind: results.of("Oxford", kind, "own") for kind in kinds}
+    rep = [100 * np.mean(list(scene_means(pairs[kind], "rep").values())) for kind in kinds]
+    assert rep == pytest.approx([71.2, 67.5, 56.5], abs=1.0)
+    counts = [keypoints(pairs[kind]).mean for kind in kinds]
+    assert counts == pytest.approx([153, 200, 110], abs=8)
+
+
 def test_the_module_is_the_command():
     folders = ":".join(str(ROOT / name) for name in ("evaluation", "runtime"))
     command = [sys.executable, "-m", "elf_eval.cli", "list"]
