@@ -5,8 +5,11 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,12 +37,14 @@ from .suite import Suite
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status: 0 done, 1 an error that was explained, 130 interrupted."""
+    """Entry point; returns the exit status: 0 done, 1 an error that was explained, 130 interrupted, 143 ended by
+    SIGTERM."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     args = build_parser(_ACTIONS).parse_args(arguments)
     args.command_line = shlex.join(["elf-eval", *arguments])
     try:
-        args.action(args)
+        with _terminable():
+            args.action(args)
         sys.stdout.flush()
     except BrokenPipeError:
         discard_stdout()
@@ -50,7 +55,32 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("\nelf-eval: interrupted; the same command goes on from here", file=sys.stderr)
         return 130
+    except _Terminated:
+        print("\nelf-eval: terminated; the same command goes on from here", file=sys.stderr)
+        return 128 + signal.SIGTERM
     return 0
+
+
+class _Terminated(BaseException):
+    """SIGTERM came."""
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """Let SIGTERM end what runs as Ctrl-C does: processes that were started are ended, finished work is kept."""
+
+    def end(*_: object) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # one is enough: what is being cleaned up stays whole
+        raise _Terminated
+
+    if threading.current_thread() is not threading.main_thread():  # only there can signals be received
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _run(args: argparse.Namespace) -> None:
