@@ -49,7 +49,7 @@ def build_parser(actions: Mapping[str, Callable[[argparse.Namespace], None]]) ->
     one.add_argument("--method-b", help="the other method, with --method-a")
     one.add_argument("--metrics", help=f"comma-separated; by default {','.join(METRICS)}")
     one.add_argument(
-        "--unit", choices=("scene", "pair"), default="scene", help="what the bootstrap resamples (%(default)s)"
+        "--unit", choices=("scene", "pair"), default="scene", help="what the interval is over (%(default)s)"
     )
     one.set_defaults(action=actions["compare"])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import product
 
@@ -156,8 +157,13 @@ def table(found: list[Trial], metric: str) -> str:
     lines = [f"{metric:>7} chosen  held out [95 %]        gain [95 %]             keypoints  method"]
     by = 100.0 if is_share(metric) else 1.0
     for t in found:
-        held = f"{by * t.held_out.mean:5.1f} [{by * t.held_out.low:.0f}, {by * t.held_out.high:.0f}]"
-        gain = f"{by * t.gain.mean:+5.1f} [{by * t.gain.low:+.1f}, {by * t.gain.high:+.1f}]"
+        held = f"{by * t.held_out.mean:5.1f} {_interval(by, t.held_out, '.0f')}"
+        gain = f"{by * t.gain.mean:+5.1f} {_interval(by, t.gain, '+.1f')}"
         count = f"{t.count.mean:.0f} ({t.count.least})"
         lines.append(f"{by * t.tuned.mean:14.1f}  {held:22}  {gain:22}  {count:9}  {t.text}")
     return "\n".join(lines)
+
+
+def _interval(by: float, of: Estimate | Difference, digits: str) -> str:
+    """In brackets; nothing where there is none: a single scene has no spread."""
+    return "" if math.isnan(of.low) else f"[{by * of.low:{digits}}, {by * of.high:{digits}}]"

@@ -293,7 +293,11 @@ def test_compare_two_runs_and_two_methods(hpatches_folder, tmp_path, capsys):
     assert main(["compare", a, b]) == 0
     text = capsys.readouterr().out
     assert "differs: protocol max_keypoints: 500 -> 40" in text
-    assert "fewer" in text
+    line = next(line for line in text.splitlines() if " n1 " in line)
+    assert line.split()[4:6] == ["2", "-17.00"]  # two scenes, whose differences are far apart
+    assert line.endswith("noise")
+    assert main(["compare", a, b, "--unit", "pair"]) == 0
+    assert next(line for line in capsys.readouterr().out.splitlines() if " n1 " in line).endswith("fewer")
     assert main(["compare", a, a]) == 0
     same_again = capsys.readouterr().out.splitlines()[1:]
     assert same_again

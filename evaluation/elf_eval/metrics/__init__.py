@@ -7,19 +7,19 @@ from .homography import corner_error, estimate_homography
 from .matching import descriptor_distances, mean_matching_accuracy, mutual_nearest
 from .pose import estimate_pose, pose_error
 from .repeatability import Covisible, covisible, repeatability_and_matching_score
-from .statistics import Estimate, auc, bootstrap_mean, paired_difference
+from .statistics import Estimate, auc, mean_interval, paired_difference
 
 __all__ = [
     "Covisible",
     "Estimate",
     "auc",
-    "bootstrap_mean",
     "corner_error",
     "covisible",
     "descriptor_distances",
     "estimate_homography",
     "estimate_pose",
     "greedy_matching",
+    "mean_interval",
     "mean_matching_accuracy",
     "mutual_nearest",
     "paired_difference",

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from elf_eval.metrics import Estimate, bootstrap_mean
+from elf_eval.metric_names import is_share
+from elf_eval.metrics import Estimate, mean_interval
 from elf_eval.results import PairResult
 
 
@@ -28,9 +30,12 @@ def scene_means(pairs: Iterable[PairResult], metric: str) -> dict[str, float]:
 
 
 def summarize(pairs: Sequence[PairResult], metric: str) -> Estimate | None:
-    """Mean over scenes with its interval; None where no pair has the metric."""
+    """Mean over scenes with its interval, within what the metric can be; None where no pair has the metric."""
     means = scene_means(pairs, metric)
-    return bootstrap_mean(list(means.values())) if means else None
+    if not means:
+        return None
+    found, most = mean_interval(list(means.values())), 1.0 if is_share(metric) else math.inf
+    return Estimate(found.mean, *(min(max(end, 0.0), most) for end in (found.low, found.high)))
 
 
 def keypoints(pairs: Sequence[PairResult]) -> Keypoints:
