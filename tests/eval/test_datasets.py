@@ -128,6 +128,37 @@ def test_rotation_and_scale_sets(hpatches_folder):
     assert between(zoomed.pairs[3]).forward(right) == pytest.approx(centre + np.array([20, 0]))
 
 
+def test_angles_and_factors_by_option(hpatches_folder):
+    turned = open_dataset(f"rotation:{hpatches_folder}?angles=10,50,90,130,170,210")
+    assert [p.parameter for p in turned.pairs] == 2 * [10, 50, 90, 130, 170, 210]
+    assert turned.pairs[5].second.view == Rotation(210)
+    assert turned.pairs[5].second.name == "i_light/1@rotation-210.png"
+    zoomed = open_dataset(f"scale:{hpatches_folder}?scenes=v_turn&factors=0.5,3")
+    assert [p.second.view for p in zoomed.pairs] == [Zoom(0.5), Zoom(3)]
+    views = [open_dataset(f"rotation:{hpatches_folder}?angles={angle}").pairs[0].second for angle in ("40", "40.0")]
+    assert views[0].digest(WORKING) == views[1].digest(WORKING) == turned_by_default(hpatches_folder).digest(WORKING)
+
+
+def turned_by_default(folder):
+    return open_dataset(f"rotation:{folder}").pairs[1].second
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("rotation:{}?angles=ten", "option angles=ten"),
+        ("rotation:{}?angles=", "option angles="),
+        ("rotation:{}?angles=10,inf", "different numbers"),
+        ("rotation:{}?angles=10,10.0", "different numbers"),
+        ("scale:{}?factors=0", "a factor is above 0"),
+        ("scale:{}?angles=10", "unknown options"),
+    ],
+)
+def test_angles_and_factors_that_are_none(hpatches_folder, text, words):
+    with pytest.raises(EvalError, match=words):
+        open_dataset(text.format(hpatches_folder))
+
+
 def test_a_view_at_0_degrees_is_the_image_itself(hpatches_folder):
     pair = open_dataset(f"rotation:{hpatches_folder}").pairs[0]
     assert np.array_equal(pair.first.open(WORKING).pixels, pair.second.open(WORKING).pixels)
@@ -316,7 +347,7 @@ def test_a_flat_folder_is_called_by_its_name(tmp_path, monkeypatch):
         cv2.imwrite(str(tmp_path / "wall" / f"{name}.png"), photograph(ord(name)))
     (tmp_path / "wall" / "pairs.txt").write_text(pairs_line())
     monkeypatch.chdir(tmp_path / "wall")
-    for text in ("pairs:pairs.txt", f"pairs:pairs.txt?images={tmp_path / 'wall'}"):
+    for text in ("pairs:pairs.txt", f"pairs:pairs.txt?images={tmp_path / 'wall'}", "webcam:."):
         assert open_dataset(text).scenes() == ["wall"]
     for name in "ab":
         (tmp_path / "wall" / f"{name}.png").unlink()
