@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
+from decimal import Decimal
 from itertools import product
 
 import numpy as np
@@ -21,6 +23,7 @@ from .settings import CONVERTERS
 from .suite import DatasetEntry, MethodEntry, Suite
 
 _DATASET = "sweep"
+_MOST = 1000  # values of a range
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,10 @@ class Trial:
 
 
 def parse_grid(items: list[str]) -> dict[str, list[str]]:
-    """``["scale=1/0.5", "denoise=5,5/5,2"]`` -> the values of each setting.
+    """``["scale=1/0.5", "denoise=3..9..2,4..6"]`` -> the values of each setting.
+
+    A value or each part of one between commas may be a range, ``FROM..TO`` or ``FROM..TO..STEP``, both ends
+    included; of several ranges in a value every combination is taken.
 
     Raises
     ------
@@ -59,12 +65,36 @@ def parse_grid(items: list[str]) -> dict[str, list[str]]:
         name, _, values = item.partition("=")
         if name not in CONVERTERS:
             raise EvalError(f"grid {item!r}: unknown setting {name!r}; known are {sorted(CONVERTERS)}")
-        grid[name] = values.split("/")
         try:
+            grid[name] = list(dict.fromkeys(v for text in values.split("/") for v in _in_range(text)))
             list(map(CONVERTERS[name], grid[name]))
-        except ValueError as error:
+        except (ValueError, ArithmeticError) as error:
             raise EvalError(f"grid {item!r}: {error}") from error
     return grid
+
+
+def _in_range(text: str) -> list[str]:
+    """The values that a text with ranges stands for; decimals are exact: 0.1..0.3..0.1 ends with 0.3."""
+    parts = []
+    for part in text.split(","):
+        ends = part.split("..")
+        if len(ends) == 1:
+            parts.append([part])
+            continue
+        if len(ends) > 3 or not all(map(_is_decimal, ends)):
+            raise ValueError(f"{part!r} is not FROM..TO or FROM..TO..STEP")
+        first, last, step = (Decimal(end) for end in [*ends, "1"][:3])
+        if step <= 0 or last < first:
+            raise ValueError(f"{part!r}: a range goes upwards, by a step above 0")
+        count = int((last - first) / step) + 1
+        if count > _MOST:
+            raise ValueError(f"{part!r} has {count} values; at most {_MOST}")
+        parts.append([f"{first + k * step:f}" for k in range(count)])
+    return [",".join(values) for values in product(*parts)]
+
+
+def _is_decimal(text: str) -> bool:
+    return re.fullmatch(r"-?[0-9]+(\.[0-9]+)?", text) is not None
 
 
 def trials(models: list[str], grid: dict[str, list[str]], limit: int | None, seed: int) -> list[str]:
