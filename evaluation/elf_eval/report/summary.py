@@ -19,6 +19,13 @@ class Keypoints:
     least: int
 
 
+def image_counts(pairs: Iterable[PairResult], second: bool = False) -> dict[str, float]:
+    """Keypoints of each image of the pairs, or of each pair's second image, by its name."""
+    first = {} if second else {p.first: p.metrics["n1"] for p in pairs}
+    found = first | {p.second: p.metrics["n2"] for p in pairs}
+    return {name: count for name, count in found.items() if count is not None}
+
+
 def scene_means(pairs: Iterable[PairResult], metric: str) -> dict[str, float]:
     """Mean of a metric per scene, over the pairs that have it."""
     values: dict[str, list[float]] = {}
@@ -38,10 +45,9 @@ def summarize(pairs: Sequence[PairResult], metric: str) -> Estimate | None:
     return Estimate(found.mean, *(min(max(end, 0.0), most) for end in (found.low, found.high)))
 
 
-def keypoints(pairs: Sequence[PairResult]) -> Keypoints:
+def keypoints(pairs: Iterable[PairResult]) -> Keypoints:
     """Over all images of the pairs, each counted once."""
-    counts = {p.first: p.metrics["n1"] for p in pairs} | {p.second: p.metrics["n2"] for p in pairs}
-    numbers = [n for n in counts.values() if n is not None]
+    numbers = list(image_counts(pairs).values())
     return Keypoints(sum(numbers) / len(numbers), int(min(numbers)))
 
 
