@@ -38,7 +38,7 @@ def build_parser(actions: Mapping[str, Callable[[argparse.Namespace], None]]) ->
 
     one = commands.add_parser("report", help="tables, plots and page of a results file, again")
     one.add_argument("results", help="results.json of elf-eval run")
-    one.add_argument("--suite", help="its title, notes and tables")
+    one.add_argument("--suite", help="its title, notes, tables and rows of the paper")
     one.add_argument("--out", help="by default the folder of the results")
     one.set_defaults(action=actions["report"])
 

@@ -118,6 +118,8 @@ def _report(args: argparse.Namespace) -> None:
     pictures = sorted((out / "pictures").glob("*.jpg"))
     suite = Suite.load(Path(args.suite)) if args.suite else None
     page = (suite.title, suite.note, suite.tables) if suite else ("Evaluation", "", [])
+    rows = {entry.name: entry.paper for entry in suite.methods} if suite else {}
+    results = replace(results, methods=[{**m, "paper": rows.get(m["name"], m["paper"])} for m in results.methods])
     check_folder(out)
     say_written(out, write_report(results, out, *page, args.command_line, pictures))
 

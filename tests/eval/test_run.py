@@ -324,8 +324,12 @@ def test_one_command_makes_the_whole_report(suite_file, tmp_path, capsys):
         assert {"01-two-own.png", "02-turned-equal.png", "03-two-own.png"} <= set(drawn)
         assert all(f"plots/{name}" in markdown for name in drawn)
     (folder / "README.md").unlink()
+    suite_file.write_text(suite_file.read_text().replace('paper = "SIFT"', 'paper = "SURF"'))
     assert main(["report", str(folder / "results.json"), "--suite", str(suite_file)]) == 0
-    assert "pictures/" in (folder / "README.md").read_text()
+    again = (folder / "README.md").read_text()
+    assert "pictures/" in again
+    assert "54.5 / 26.1" in again
+    assert "51.2 / 24.6" not in again
 
 
 def test_the_index_has_the_pages_of_earlier_runs_too(suite_file, tmp_path):

@@ -153,7 +153,7 @@ def test_an_equal_count_with_a_floor_says_so(tmp_path):
     found = results(pairs, counts=("equal",), count_floor=100)
     (table,) = build(found, TableEntry("All"))
     # 0.png is seen with 100 by the one method and, last, with 7 by the other
-    assert table.caption.startswith("set, equal counts, at least 100 (2 pairs, 1 scenes)")
+    assert table.caption.startswith("set, equal counts, at least 100 (2 pairs, 1 scene)")
     assert table.caption.endswith("; on 2 of 3 images a method finds fewer than 100")
     assert "but at least 100: a method that found fewer than 100 keeps what it found" in page(found, tmp_path)
 

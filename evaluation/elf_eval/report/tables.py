@@ -55,8 +55,8 @@ def _caption(
 ) -> str:
     """The dataset, how many keypoints are kept, and the pairs and scenes that a table is over."""
     there = {(p.scene, p.pair) for pairs in found for p in pairs}
-    sizes = (len(there), dataset["pairs"], "pairs"), (len({scene for scene, _ in there}), dataset["scenes"], "scenes")
-    parts = ", ".join(f"{n} {what}" if n == all_ else f"{n} of {all_} {what}" for n, all_, what in sizes)
+    sizes = (len(there), dataset["pairs"], "pair"), (len({scene for scene, _ in there}), dataset["scenes"], "scene")
+    parts = ", ".join(f"{n if n == of else f'{n} of {of}'} {what}{'' if of == 1 else 's'}" for n, of, what in sizes)
     text = f"{dataset['name']}, {how_counted(results, counts)} ({parts})"
     floor = results.protocol.get("count_floor", 0)
     if counts == "equal" and floor:
