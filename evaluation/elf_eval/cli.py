@@ -7,9 +7,7 @@ import os
 import shlex
 import signal
 import sys
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,6 +32,7 @@ from .report import plots, write_index, write_pictures, write_report
 from .results import Results
 from .runner import run
 from .suite import Suite
+from .workers import Terminated, terminable
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -43,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = build_parser(_ACTIONS).parse_args(arguments)
     args.command_line = shlex.join(["elf-eval", *arguments])
     try:
-        with _terminable():
+        with terminable():
             args.action(args)
         sys.stdout.flush()
     except BrokenPipeError:
@@ -55,32 +54,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("\nelf-eval: interrupted; the same command goes on from here", file=sys.stderr)
         return 130
-    except _Terminated:
+    except Terminated:
         print("\nelf-eval: terminated; the same command goes on from here", file=sys.stderr)
         return 128 + signal.SIGTERM
     return 0
-
-
-class _Terminated(BaseException):
-    """SIGTERM came."""
-
-
-@contextmanager
-def _terminable() -> Iterator[None]:
-    """Let SIGTERM end what runs as Ctrl-C does: processes that were started are ended, finished work is kept."""
-
-    def end(*_: object) -> None:
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # one is enough: what is being cleaned up stays whole
-        raise _Terminated
-
-    if threading.current_thread() is not threading.main_thread():  # only there can signals be received
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, end)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _run(args: argparse.Namespace) -> None:

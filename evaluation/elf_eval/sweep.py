@@ -16,7 +16,7 @@ from .metric_names import check, is_share, names
 from .metrics import Estimate, paired_difference
 from .metrics.statistics import Difference
 from .protocol import Protocol
-from .report.summary import Keypoints, keypoints, scene_means, summarize
+from .report.summary import Keypoints, having, keypoints, scene_means, summarize
 from .results import Results
 from .runner import Resources, run
 from .settings import CONVERTERS
@@ -39,7 +39,7 @@ class Trial:
     gain : Difference
         On the held-out scenes, against the first model with its own settings.
     count : Keypoints
-        On the held-out scenes.
+        On the held-out scenes, of the pairs that have the metric.
     """
 
     text: str
@@ -171,7 +171,7 @@ def sweep(
         if held_out is None:
             raise EvalError(f"no held-out pair of {dataset} has the metric {metric!r}")
         gain = paired_difference(reference, scene_means(pairs, metric))
-        found.append(Trial(text, measured[text], held_out, gain, keypoints(pairs)))
+        found.append(Trial(text, measured[text], held_out, gain, keypoints(having(pairs, metric))))
     return found
 
 

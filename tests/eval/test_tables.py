@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from elf_eval import paper
+from elf_eval.compare import compare, verdict
 from elf_eval.errors import EvalError
 from elf_eval.metrics import auc, auc_trapezoids
 from elf_eval.protocol import Protocol
@@ -69,6 +70,13 @@ def test_the_csv_counts_the_pairs_and_scenes_of_each_metric(some_with_depth, tmp
     assert (rows["pose_auc@5"]["pairs"], rows["pose_auc@5"]["scenes"]) == ("8", "3")
     assert (rows["rep"]["low"], rows["pose_auc_superglue@5"]["low"]) == ("", "")
     assert float(rows["pose_auc_superglue@5"]["mean"]) == pytest.approx(auc_trapezoids([3.0] * 8, 5))
+
+
+def test_a_comparison_counts_what_has_the_metric(some_with_depth):
+    found = {c.metric: c for c in compare(results(some_with_depth), results(some_with_depth))}
+    assert (found["rep"].pairs, found["rep"].units) == (2, 1)
+    assert (found["pose_auc@10"].pairs, found["pose_auc@10"].units) == (8, 3)
+    assert [verdict(found[metric]) for metric in ("rep", "pose_auc@10")] == ["too few to tell", "noise"]
 
 
 def test_matching_accuracy_is_over_the_pairs_that_have_it(some_with_depth):

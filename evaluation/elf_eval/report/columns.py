@@ -11,7 +11,7 @@ from elf_eval.metrics.homography import HOMOGRAPHY_THRESHOLDS
 from elf_eval.metrics.pose import POSE_THRESHOLDS
 from elf_eval.results import PairResult
 
-from .summary import summarize
+from .summary import having, summarize
 
 Pairs = Sequence[PairResult]
 
@@ -86,11 +86,6 @@ COLUMNS = [
     *_auc("h", "H", HOMOGRAPHY_THRESHOLDS),
     *_auc("pose", "pose", POSE_THRESHOLDS),
 ]
-
-
-def having(pairs: Pairs, metric: str) -> list[PairResult]:
-    """The pairs that have a metric."""
-    return [p for p in pairs if p.metrics.get(metric) is not None]
 
 
 def by_pairs(found: Mapping[str, Pairs]) -> list[tuple[list[Column], set[tuple[str, str]]]]:

@@ -13,9 +13,8 @@ from elf_eval.metrics.matching import MMA_THRESHOLDS
 from elf_eval.results import PairResult, Results
 from elf_eval.suite import TableEntry
 
-from .columns import having
 from .names import wrapped
-from .summary import keypoints, summarize
+from .summary import having, keypoints, summarize
 from .tables import how_counted, selected
 
 _BRACKETS = "in brackets: mean number of keypoints"

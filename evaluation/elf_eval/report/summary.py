@@ -26,6 +26,11 @@ def image_counts(pairs: Iterable[PairResult], second: bool = False) -> dict[str,
     return {name: count for name, count in found.items() if count is not None}
 
 
+def having(pairs: Iterable[PairResult], metric: str) -> list[PairResult]:
+    """The pairs that have a metric."""
+    return [p for p in pairs if p.metrics.get(metric) is not None]
+
+
 def scene_means(pairs: Iterable[PairResult], metric: str) -> dict[str, float]:
     """Mean of a metric per scene, over the pairs that have it."""
     values: dict[str, list[float]] = {}

@@ -13,8 +13,8 @@ from elf_eval.metrics.pose import POSE_THRESHOLDS
 from elf_eval.results import PairResult, Results
 from elf_eval.suite import TableEntry
 
-from .columns import by_pairs, having, short, superglue
-from .summary import image_counts, keypoints, metrics_in, summarize
+from .columns import by_pairs, short, superglue
+from .summary import having, image_counts, keypoints, metrics_in, summarize
 from .table import Table
 
 
