@@ -69,7 +69,7 @@ class TableEntry:
     note : str
         A paragraph above the table.
     paper : "generic" or "gradients", optional
-        The paper's table whose rows stand below ours where ours have none of that name.
+        The paper's table whose rows stand below ours where ours have none of that name, once for each dataset.
     """
 
     title: str

@@ -185,6 +185,13 @@ def test_the_paper_s_other_rows_stand_below_ours():
     assert rows["Laplacian"][-2:] == ["65.5 / 55.3", "not given"]
 
 
+def test_the_paper_s_other_rows_stand_there_once():
+    pairs = [pair("a", 1, PLACED, counts=counts) for counts in ("own", "equal")]
+    own, equal = build(results(pairs, "SIFT", counts=("own", "equal")), TableEntry("All", paper="generic"))
+    assert (len(own.rows), len(equal.rows)) == (14, 1)
+    assert own.header == equal.header
+
+
 def test_a_row_that_the_paper_does_not_have_is_never_a_blank():
     assert paper.figures(None, "HPatches") == "-"
     assert paper.figures("Sift", "HPatches") == "no row 'Sift'"

@@ -81,7 +81,7 @@ def _main(
             pairs = part[method["name"]]
             row = [method["name"], _counted(pairs), *(c.cell(pairs) for c in columns)]
             rows.append(row + (_paper(method["paper"]) if beside else []))
-        if beside and entry.paper:
+        if beside and entry.paper and counts == results.protocol["counts"][0]:
             ours = {m["paper"] for m in methods}
             absent = [name for name in paper.TABLES[entry.paper] if name not in ours]
             rows += [[name, "not measured", *("-" for _ in columns), *_paper(name)] for name in absent]
