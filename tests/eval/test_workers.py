@@ -41,6 +41,7 @@ PATIENCE = 10.0  # seconds until a process has to be gone
 
 @pytest.fixture
 def command(hpatches_folder, tmp_path):
+    """The arguments of a run of two processes that need so many seconds for an image."""
     (tmp_path / "slow_method.py").write_text(PLUGIN)
     (tmp_path / "pids").mkdir()
 
@@ -72,12 +73,12 @@ def alive(pid: int) -> bool:
         return False
 
 
-def workers_of(process: subprocess.Popen[str], folder: Path) -> list[int]:
-    """The two workers' ids, once both are at work."""
+def workers_of(process: subprocess.Popen[str], folder: Path, count: int = 2) -> list[int]:
+    """The workers' ids, once all are at work."""
     end = time.monotonic() + 60
     while time.monotonic() < end:
         found = [int(path.name) for path in folder.iterdir()]
-        if len(found) == 2:
+        if len(found) == count:
             return found
         assert process.poll() is None, process.stderr.read()
         time.sleep(0.05)
@@ -108,6 +109,34 @@ def test_workers_end_with_their_parent(command, tmp_path, ending):
     assert "Traceback" not in said
     if ending == signal.SIGTERM:
         assert said.strip() == "elf-eval: terminated; the same command goes on from here"
+
+
+TIMED = """
+from pathlib import Path
+from elf_eval.alone import Alone
+from elf_eval.images import ImageRef
+
+if __name__ == "__main__":
+    detector = "plugin:slow_method.Slow?pids={pids}&seconds=60"
+    with Alone(detector, None, ImageRef("photo.png", Path("{photo}")), None, 10, 1) as method:
+        method.run()
+"""
+
+
+@needs_proc
+def test_a_method_that_is_timed_ends_with_its_parent(command, photo_file, tmp_path):
+    script = tmp_path / "timed.py"
+    script.write_text(TIMED.format(pids=tmp_path / "pids", photo=photo_file))
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    with subprocess.Popen(
+        [sys.executable, str(script)],
+        env={**os.environ, "PYTHONPATH": path},
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        pids = workers_of(process, tmp_path / "pids", 1)
+        process.kill()
+        assert gone(pids), "still there"
 
 
 @needs_proc
