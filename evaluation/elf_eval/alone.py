@@ -17,6 +17,7 @@ from .errors import EvalError
 from .geometry import Size
 from .images import ImageRef
 from .methods import open_methods
+from .workers import end_with_parent
 
 
 class Alone:
@@ -86,6 +87,7 @@ def _serve(
     limit: int,
     threads: int,
 ) -> None:
+    end_with_parent()
     cv2.setNumThreads(threads)
     try:
         method = open_methods(detector, descriptor, threads)

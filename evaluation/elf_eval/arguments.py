@@ -38,7 +38,7 @@ def build_parser(actions: Mapping[str, Callable[[argparse.Namespace], None]]) ->
 
     one = commands.add_parser("report", help="tables, plots and page of a results file, again")
     one.add_argument("results", help="results.json of elf-eval run")
-    one.add_argument("--suite", help="its title, notes and tables")
+    one.add_argument("--suite", help="its title, notes, tables and rows of the paper")
     one.add_argument("--out", help="by default the folder of the results")
     one.set_defaults(action=actions["report"])
 
@@ -49,7 +49,7 @@ def build_parser(actions: Mapping[str, Callable[[argparse.Namespace], None]]) ->
     one.add_argument("--method-b", help="the other method, with --method-a")
     one.add_argument("--metrics", help=f"comma-separated; by default {','.join(METRICS)}")
     one.add_argument(
-        "--unit", choices=("scene", "pair"), default="scene", help="what the bootstrap resamples (%(default)s)"
+        "--unit", choices=("scene", "pair"), default="scene", help="what the interval is over (%(default)s)"
     )
     one.set_defaults(action=actions["compare"])
 
@@ -77,14 +77,17 @@ def build_parser(actions: Mapping[str, Callable[[argparse.Namespace], None]]) ->
         "--model", action="append", required=True, help="elf:FILE.onnx[?...]; one for each layer to try"
     )
     one.add_argument(
-        "--grid", action="append", default=[], help="SETTING=VALUE/VALUE/..., e.g. denoise=5,5/5,2"
+        "--grid",
+        action="append",
+        default=[],
+        help="SETTING=VALUE/VALUE/..., e.g. denoise=5,5/5,2; ranges are FROM..TO[..STEP]: denoise=3..21..2,4..13",
     )
     one.add_argument("--dataset", required=True, help="kind:FOLDER[?option=value&...]")
     one.add_argument("--tune", help="comma-separated scenes to choose on; by default every second one")
     one.add_argument("--metric", default="ms", help="what to choose by (%(default)s)")
     one.add_argument("--top", type=_positive, default=5, help="report so many (%(default)s)")
     one.add_argument("--limit", type=_positive, help="try only so many settings, drawn at random")
-    one.add_argument("--seed", type=_seed, default=0, help="of the draw (%(default)s)")
+    one.add_argument("--seed", type=_count, default=0, help="of the draw (%(default)s)")
     _add_protocol(one)
     _add_resources(one)
     one.set_defaults(action=actions["sweep"])
@@ -108,6 +111,9 @@ def _add_protocol(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--max-keypoints", type=_positive, help="500")
     group.add_argument("--eps", type=float, help="pixels (5)")
     group.add_argument("--counts", type=lambda text: text.split(","), help="own, equal or own,equal")
+    group.add_argument(
+        "--count-floor", type=_count, help="equal counts are at least this; a method with fewer keeps what it has (0)"
+    )
 
 
 def _add_resources(parser: argparse.ArgumentParser) -> None:
@@ -127,7 +133,7 @@ def _size(text: str) -> str | tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def _seed(text: str) -> int:
+def _count(text: str) -> int:
     if re.fullmatch("[0-9]+", text) is None:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 on")
     return int(text)

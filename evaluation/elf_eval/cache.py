@@ -5,12 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import zipfile
+import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from .features import LocalFeatures
 from .geometry import Float, Size
@@ -78,6 +81,8 @@ class FeatureCache:
         path = self.path(method.fingerprint, ref, protocol)
         found = load(path) if method.cacheable else None
         if found is None:
+            if method.cacheable and path.exists():
+                print(f"elf-eval: {path}: a damaged file of the cache; made again", file=sys.stderr)
             # A detector is run once for all the descriptors that it is combined with.
             detected = self.get(method.detector, ref, protocol)[1] if isinstance(method, Composed) else None
             found = extract(method, ref, protocol, detected)
@@ -100,16 +105,20 @@ def extract(
 
 
 def load(path: Path) -> Extracted | None:
-    """None where there is no such file, or only the rest of an interrupted one."""
+    """None where there is no such file, or one that is damaged."""
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
-            features = LocalFeatures(
-                *(data[k] for k in ("keypoints", "scores", "descriptors", "sizes", "angles"))
-            )
-            width, height = (int(v) for v in data["size"])
-            return Extracted(features, (width, height), data["to_working"], float(data["seconds"]))
-    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile):
+            return _extracted(data)  # the archive's checksums are compared on the way
+    except Exception:  # whatever the reader of an archive stumbles over in a damaged one
         return None
+
+
+def _extracted(data: Mapping[str, npt.NDArray[Any]]) -> Extracted:
+    """What `save` wrote; an exception of some kind where it is not that."""
+    keys = ("keypoints", "scores", "descriptors", "sizes", "angles")
+    features = LocalFeatures.build(*(data[key] for key in keys))
+    width, height = (int(v) for v in data["size"])
+    return Extracted(features, (width, height), data["to_working"].reshape(3, 3), float(data["seconds"]))
 
 
 def save(path: Path, found: Extracted) -> None:
@@ -117,16 +126,20 @@ def save(path: Path, found: Extracted) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_suffix(f".{os.getpid()}.part")
     f = found.features
-    with open(temporary, "wb") as file:
-        np.savez(
-            file,
-            keypoints=f.keypoints,
-            scores=f.scores,
-            descriptors=f.descriptors,
-            sizes=f.sizes,
-            angles=f.angles,
-            size=np.asarray(found.size),
-            to_working=found.to_working,
-            seconds=np.float64(found.seconds),
-        )
-    os.replace(temporary, path)
+    try:
+        with open(temporary, "wb") as file:
+            np.savez(
+                file,
+                keypoints=f.keypoints,
+                scores=f.scores,
+                descriptors=f.descriptors,
+                sizes=f.sizes,
+                angles=f.angles,
+                size=np.asarray(found.size),
+                to_working=found.to_working,
+                seconds=np.float64(found.seconds),
+            )
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise

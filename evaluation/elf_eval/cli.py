@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
+import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -31,15 +32,18 @@ from .report import plots, write_index, write_pictures, write_report
 from .results import Results
 from .runner import run
 from .suite import Suite
+from .workers import Terminated, terminable
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status: 0 done, 1 an error that was explained, 130 interrupted."""
+    """Entry point; returns the exit status: 0 done, 1 an error that was explained, 130 interrupted, 143 ended by
+    SIGTERM."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     args = build_parser(_ACTIONS).parse_args(arguments)
     args.command_line = shlex.join(["elf-eval", *arguments])
     try:
-        args.action(args)
+        with terminable():
+            args.action(args)
         sys.stdout.flush()
     except BrokenPipeError:
         discard_stdout()
@@ -50,6 +54,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("\nelf-eval: interrupted; the same command goes on from here", file=sys.stderr)
         return 130
+    except Terminated:
+        print("\nelf-eval: terminated; the same command goes on from here", file=sys.stderr)
+        return 128 + signal.SIGTERM
     return 0
 
 
@@ -88,6 +95,8 @@ def _report(args: argparse.Namespace) -> None:
     pictures = sorted((out / "pictures").glob("*.jpg"))
     suite = Suite.load(Path(args.suite)) if args.suite else None
     page = (suite.title, suite.note, suite.tables) if suite else ("Evaluation", "", [])
+    rows = {entry.name: entry.paper for entry in suite.methods} if suite else {}
+    results = replace(results, methods=[{**m, "paper": rows.get(m["name"], m["paper"])} for m in results.methods])
     check_folder(out)
     say_written(out, write_report(results, out, *page, args.command_line, pictures))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -17,13 +18,20 @@ METRICS = ("rep", "ms", "mma@3", "h_auc@3", "pose_auc@10", "n1")
 
 @dataclass(frozen=True)
 class Comparison:
-    """One metric of one dataset, on the pairs that both sides have."""
+    """One metric of one dataset, on the pairs that both sides have.
+
+    Attributes
+    ----------
+    pairs, units : int
+        How many have the metric on both sides, and of how many scenes (or again pairs) the difference is the mean.
+    """
 
     dataset: str
     counts: str
     method: str
     metric: str
     pairs: int
+    units: int
     difference: Difference
 
 
@@ -43,8 +51,8 @@ def compare(
     methods : (in a, in b), optional
         Two methods to hold against each other; by default every method that both have under the same name.
     unit : "scene" or "pair"
-        What the bootstrap resamples.  Pairs of a scene share an image and are not independent: intervals over
-        pairs are too narrow.
+        What the interval is over.  Pairs of a scene share an image and are not independent: intervals over pairs
+        are too narrow.
 
     Raises
     ------
@@ -76,9 +84,14 @@ def _comparisons(
         both = [key for key in ours if key in theirs]
         label = method if other == method else f"{other} - {method}"
         for metric in metrics:
-            x, y = (_units([side[k] for k in both], metric, unit) for side in (ours, theirs))
-            if x.keys() & y.keys():
-                yield Comparison(dataset, counts, label, metric, len(both), paired_difference(x, y))
+            there = [k for k in both if _has(ours[k], metric) and _has(theirs[k], metric)]
+            x, y = (_units([side[k] for k in there], metric, unit) for side in (ours, theirs))
+            if x:
+                yield Comparison(dataset, counts, label, metric, len(there), len(x), paired_difference(x, y))
+
+
+def _has(pair: PairResult, metric: str) -> bool:
+    return pair.metrics.get(metric) is not None
 
 
 def _groups(results: Results) -> dict[tuple[str, str, str], dict[tuple[str, str], PairResult]]:
@@ -113,20 +126,24 @@ def warnings(a: Results, b: Results) -> list[str]:
 def table(comparisons: list[Comparison]) -> str:
     """Plain text, one line a comparison; shares in percent."""
     lines = [
-        f"{'dataset':14} {'counts':6} {'method':32} {'metric':12} {'b - a':>8}  {'95 % interval':18} {'p':>6}"
+        f"{'dataset':14} {'counts':6} {'method':32} {'metric':12} {'n':>4} {'b - a':>8}  {'95 % interval':18} "
+        f"{'p':>6}"
     ]
     for c in comparisons:
         d, factor = c.difference, 100.0 if is_share(c.metric) else 1.0
-        interval = f"[{factor * d.low:+.2f}, {factor * d.high:+.2f}]"
+        interval = "-" if math.isnan(d.low) else f"[{factor * d.low:+.2f}, {factor * d.high:+.2f}]"
+        p = "-" if math.isnan(d.p) else f"{d.p:.3f}" if d.p >= 0.001 else "<0.001"
         lines.append(
-            f"{c.dataset:14} {c.counts:6} {c.method:32} {c.metric:12} {factor * d.mean:+8.2f}  {interval:18} "
-            f"{d.p:6.3f}  {verdict(c)}"
+            f"{c.dataset:14} {c.counts:6} {c.method:32} {c.metric:12} {c.units:4} {factor * d.mean:+8.2f}  "
+            f"{interval:18} {p:>6}  {verdict(c)}"
         )
     return "\n".join(lines)
 
 
 def verdict(c: Comparison) -> str:
-    """In a word: noise, better or worse; for a count, more or fewer."""
+    """In a word: noise, better or worse; for a count, more or fewer; "too few" where there is no interval."""
+    if math.isnan(c.difference.low):
+        return "too few to tell"
     if c.difference.is_noise:
         return "noise"
     up = c.difference.mean > 0

@@ -36,7 +36,7 @@ def _named(text: str) -> tuple[str, str]:
 
 def protocol(args: argparse.Namespace, base: Protocol) -> Protocol:
     """`base`, changed by the options that were given."""
-    changes = {name: getattr(args, name, None) for name in ("size", "max_keypoints", "eps", "counts")}
+    changes = {name: getattr(args, name, None) for name in ("size", "max_keypoints", "eps", "counts", "count_floor")}
     return Protocol.from_dict({**vars(base), **{k: v for k, v in changes.items() if v is not None}})
 
 

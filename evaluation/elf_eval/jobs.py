@@ -2,15 +2,8 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
-from typing import TypeVar
-
-import cv2
 
 from elf_runtime import ElfError
 
@@ -22,9 +15,6 @@ from .methods import Method, open_methods
 from .pair_metrics import Record, pair_metrics
 from .protocol import Protocol
 from .results import rounded
-
-J = TypeVar("J")
-R = TypeVar("R")
 
 
 @dataclass(frozen=True)
@@ -90,21 +80,3 @@ def _limited(path: Path, count: int) -> Extracted:
     if found is None:
         raise EvalError(f"{path}: cached features are gone; run again")
     return Extracted(found.features.first(count), found.size, found.to_working, found.seconds)
-
-
-def run_all(work: Callable[[J], R], jobs: Iterable[J], workers: int, threads: int | None) -> Iterator[R]:
-    """`work` on each job, results in order; in this process where `workers` is 1."""
-    if workers == 1:
-        _set_up(threads)
-        yield from map(work, jobs)
-        return
-    with ProcessPoolExecutor(workers, get_context("spawn"), _set_up, (threads,)) as pool:
-        try:
-            yield from pool.map(work, jobs)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def _set_up(threads: int | None) -> None:
-    cv2.setNumThreads(threads or os.cpu_count() or 1)

@@ -6,7 +6,7 @@ import numpy as np
 
 from .cache import Extracted
 from .errors import EvalError
-from .geometry import Float, Size, inside
+from .geometry import Float, Size, inside, warp
 from .metrics import (
     auc,
     corner_error,
@@ -48,10 +48,13 @@ def pair_metrics(first: Extracted, second: Extracted, truth: Truth, protocol: Pr
     Raises
     ------
     EvalError
-        If a homography sends no point of image 1 into image 2.
+        If a homography sends no point of image 1 into image 2, or a camera's principal point lies outside its image.
     """
     a, b = first.features, second.features
     known = truth.at(first.to_working, second.to_working)
+    if known.pose is not None:
+        _check_camera(known.pose.camera1, first, "first")
+        _check_camera(known.pose.camera2, second, "second")
     described = a.descriptors.shape[1] and b.descriptors.shape[1]  # a (0, D) array is: nothing found
     distance = descriptor_distances(a.descriptors, b.descriptors) if described else None
     record: Record = {"n1": len(a), "n2": len(b)}
@@ -95,6 +98,17 @@ def _check_overlap(forward: Warp, size1: Size, size2: Size) -> None:
     x, y = np.meshgrid(np.linspace(0, size1[0] - 1, 33), np.linspace(0, size1[1] - 1, 33))
     if not inside(forward(np.stack([x.ravel(), y.ravel()], axis=1)), size2).any():
         raise EvalError("the homography does not fit: it sends no point of the first image into the second")
+
+
+def _check_camera(camera: Float, image: Extracted, which: str) -> None:
+    """Intrinsics of another size than the image's give poses that mean nothing."""
+    centre = camera[:2, 2] / camera[2, 2]
+    if not inside(centre[None], image.size)[0]:
+        x, y = warp(np.linalg.inv(image.to_working), centre[None])[0]
+        raise EvalError(
+            f"the {which} camera's principal point ({x:g}, {y:g}) lies outside its image: the intrinsics are of "
+            "another size of it; scale them by the image's size"
+        )
 
 
 def _finite(error: float) -> float | None:

@@ -19,7 +19,7 @@ from .alone import Alone
 from .errors import EvalError, reason
 from .geometry import Size
 from .images import ImageRef
-from .report.summary import Keypoints, keypoints, scene_means, summarize
+from .report.summary import Keypoints, having, keypoints, scene_means, summarize
 from .results import Results
 from .suite import MethodEntry, Suite
 
@@ -144,10 +144,13 @@ def study(
     compared = samples[[entry.name for entry in entries].index(reference)]
     dataset = results.datasets[0]["name"]
     points = []
+    measured_pairs: set[tuple[str, str]] = set()
     for entry, seconds in zip(entries, samples, strict=True):
         pairs = results.of(dataset, entry.name, "own")
         if not pairs:
             raise EvalError("the results are without each method's own counts")
+        pairs = having(pairs, "rep") or pairs
+        measured_pairs |= {(p.scene, p.pair) for p in pairs}
         estimates = {metric: summarize(pairs, metric) for metric in METRICS}
         scores = scene_means(pairs, "ms")
         points.append(
@@ -164,7 +167,7 @@ def study(
     about = {
         "note": suite.note,
         "dataset": dataset,
-        "pairs": results.datasets[0]["pairs"],
+        "pairs": len(measured_pairs),
         "max_keypoints": limit,
         "image": image.name,
         "width": width,

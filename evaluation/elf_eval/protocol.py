@@ -48,6 +48,9 @@ class Protocol:
     counts : tuple of "own" and "equal"
         "own": up to `max_keypoints`, however many a method finds.  "equal": of each image, every method keeps
         as many as the method that found the fewest there.
+    count_floor : int
+        Equal counts are at least this: one method that finds next to nothing does not decide for all.  A method that
+        finds fewer keeps what it has.
     homography, pose : Ransac
     """
 
@@ -55,6 +58,7 @@ class Protocol:
     max_keypoints: int = 500
     eps: float = 5.0
     counts: tuple[str, ...] = ("own",)
+    count_floor: int = 0
     homography: Ransac = field(default_factory=Ransac)
     pose: Ransac = field(default_factory=lambda: Ransac(estimator="RANSAC", threshold=1.0, iterations=1000))
 
@@ -63,6 +67,10 @@ class Protocol:
             raise EvalError(f"protocol: size is (width, height), not {self.size!r}")
         if self.max_keypoints < 1:
             raise EvalError(f"protocol: max_keypoints is an integer >= 1, not {self.max_keypoints!r}")
+        if not isinstance(self.count_floor, int) or not 0 <= self.count_floor <= self.max_keypoints:
+            raise EvalError(
+                f"protocol: count_floor is a whole number from 0 to max_keypoints, not {self.count_floor!r}"
+            )
         if not self.eps > 0:
             raise EvalError(f"protocol: eps is a positive number of pixels, not {self.eps!r}")
         if not self.counts or set(self.counts) - {"own", "equal"}:

@@ -33,14 +33,14 @@ def rows(protocol: Protocol, dataset: Dataset, methods: list[str], features: Fea
     """One for each pair, way of counting and method, in that order."""
     files = [module.__file__ or "" for module in (geometry, pair_metrics, truth)]
     code = code_digest(*files, *Path(metrics.__path__[0]).glob("*.py"))
-    settings = json.dumps([protocol.to_dict() | {"counts": None}, code])
+    settings = json.dumps([protocol.to_dict() | {"counts": None, "count_floor": None}, code])
     for pair in dataset.pairs:
         images = (pair.first, pair.second)
         for counts in protocol.counts:
             for method in methods:
                 found = [features[method, ref] for ref in images]
                 limits = [
-                    min(features[m, ref].count for m in methods)
+                    max(protocol.count_floor, min(features[m, ref].count for m in methods))
                     if counts == "equal"
                     else protocol.max_keypoints
                     for ref in images

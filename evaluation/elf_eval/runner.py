@@ -13,7 +13,7 @@ from typing import Any
 from .datasets import Dataset, open_dataset
 from .errors import EvalError
 from .images import ImageRef
-from .jobs import ExtractJob, run_all, run_extract, run_pair
+from .jobs import ExtractJob, run_extract, run_pair
 from .methods import open_methods
 from .pair_log import PairLog
 from .progress import Progress
@@ -21,6 +21,7 @@ from .protocol import Protocol
 from .results import PairResult, Results, now, versions
 from .rows import Features, rows
 from .suite import DatasetEntry, MethodEntry, Suite
+from .workers import run_all
 
 
 @dataclass(frozen=True)

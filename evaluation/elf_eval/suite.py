@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from . import variables
 from .errors import EvalError, reason
+from .paper import PAPER, TABLES
 from .protocol import Protocol
 
 if sys.version_info >= (3, 11):
@@ -45,6 +46,10 @@ class MethodEntry:
     optional: bool = False
     family: str = "methods"
 
+    def __post_init__(self) -> None:
+        if self.paper is not None and self.paper not in PAPER:
+            raise EvalError(f"method {self.name!r}: the paper has no row {self.paper!r}; it has {list(PAPER)}")
+
 
 @dataclass(frozen=True)
 class DatasetEntry:
@@ -63,6 +68,8 @@ class TableEntry:
     plot : "bars", "curves" (over the pairs' parameter) or "mma"
     note : str
         A paragraph above the table.
+    paper : "generic" or "gradients", optional
+        The paper's table whose rows stand below ours where ours have none of that name, once for each dataset.
     """
 
     title: str
@@ -70,10 +77,13 @@ class TableEntry:
     methods: list[str] = field(default_factory=list)
     plot: str = "bars"
     note: str = ""
+    paper: str = ""
 
     def __post_init__(self) -> None:
         if self.plot not in ("bars", "curves", "mma"):
             raise EvalError(f"table {self.title!r}: plot is 'bars', 'curves' or 'mma', not {self.plot!r}")
+        if self.paper and self.paper not in TABLES:
+            raise EvalError(f"table {self.title!r}: paper is one of {sorted(TABLES)}, not {self.paper!r}")
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import dataclass
+from decimal import Decimal
 from itertools import product
 
 import numpy as np
@@ -13,13 +16,14 @@ from .metric_names import check, is_share, names
 from .metrics import Estimate, paired_difference
 from .metrics.statistics import Difference
 from .protocol import Protocol
-from .report.summary import Keypoints, keypoints, scene_means, summarize
+from .report.summary import Keypoints, having, keypoints, scene_means, summarize
 from .results import Results
 from .runner import Resources, run
 from .settings import CONVERTERS
 from .suite import DatasetEntry, MethodEntry, Suite
 
 _DATASET = "sweep"
+_MOST = 1000  # values of a range
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,7 @@ class Trial:
     gain : Difference
         On the held-out scenes, against the first model with its own settings.
     count : Keypoints
-        On the held-out scenes.
+        On the held-out scenes, of the pairs that have the metric.
     """
 
     text: str
@@ -46,7 +50,10 @@ class Trial:
 
 
 def parse_grid(items: list[str]) -> dict[str, list[str]]:
-    """``["scale=1/0.5", "denoise=5,5/5,2"]`` -> the values of each setting.
+    """``["scale=1/0.5", "denoise=3..9..2,4..6"]`` -> the values of each setting.
+
+    A value or each part of one between commas may be a range, ``FROM..TO`` or ``FROM..TO..STEP``, both ends
+    included; of several ranges in a value every combination is taken.
 
     Raises
     ------
@@ -58,12 +65,36 @@ def parse_grid(items: list[str]) -> dict[str, list[str]]:
         name, _, values = item.partition("=")
         if name not in CONVERTERS:
             raise EvalError(f"grid {item!r}: unknown setting {name!r}; known are {sorted(CONVERTERS)}")
-        grid[name] = values.split("/")
         try:
+            grid[name] = list(dict.fromkeys(v for text in values.split("/") for v in _in_range(text)))
             list(map(CONVERTERS[name], grid[name]))
-        except ValueError as error:
+        except (ValueError, ArithmeticError) as error:
             raise EvalError(f"grid {item!r}: {error}") from error
     return grid
+
+
+def _in_range(text: str) -> list[str]:
+    """The values that a text with ranges stands for; decimals are exact: 0.1..0.3..0.1 ends with 0.3."""
+    parts = []
+    for part in text.split(","):
+        ends = part.split("..")
+        if len(ends) == 1:
+            parts.append([part])
+            continue
+        if len(ends) > 3 or not all(map(_is_decimal, ends)):
+            raise ValueError(f"{part!r} is not FROM..TO or FROM..TO..STEP")
+        first, last, step = (Decimal(end) for end in [*ends, "1"][:3])
+        if step <= 0 or last < first:
+            raise ValueError(f"{part!r}: a range goes upwards, by a step above 0")
+        count = int((last - first) / step) + 1
+        if count > _MOST:
+            raise ValueError(f"{part!r} has {count} values; at most {_MOST}")
+        parts.append([f"{first + k * step:f}" for k in range(count)])
+    return [",".join(values) for values in product(*parts)]
+
+
+def _is_decimal(text: str) -> bool:
+    return re.fullmatch(r"-?[0-9]+(\.[0-9]+)?", text) is not None
 
 
 def trials(models: list[str], grid: dict[str, list[str]], limit: int | None, seed: int) -> list[str]:
@@ -140,7 +171,7 @@ def sweep(
         if held_out is None:
             raise EvalError(f"no held-out pair of {dataset} has the metric {metric!r}")
         gain = paired_difference(reference, scene_means(pairs, metric))
-        found.append(Trial(text, measured[text], held_out, gain, keypoints(pairs)))
+        found.append(Trial(text, measured[text], held_out, gain, keypoints(having(pairs, metric))))
     return found
 
 
@@ -156,8 +187,13 @@ def table(found: list[Trial], metric: str) -> str:
     lines = [f"{metric:>7} chosen  held out [95 %]        gain [95 %]             keypoints  method"]
     by = 100.0 if is_share(metric) else 1.0
     for t in found:
-        held = f"{by * t.held_out.mean:5.1f} [{by * t.held_out.low:.0f}, {by * t.held_out.high:.0f}]"
-        gain = f"{by * t.gain.mean:+5.1f} [{by * t.gain.low:+.1f}, {by * t.gain.high:+.1f}]"
+        held = f"{by * t.held_out.mean:5.1f} {_interval(by, t.held_out, '.0f')}"
+        gain = f"{by * t.gain.mean:+5.1f} {_interval(by, t.gain, '+.1f')}"
         count = f"{t.count.mean:.0f} ({t.count.least})"
         lines.append(f"{by * t.tuned.mean:14.1f}  {held:22}  {gain:22}  {count:9}  {t.text}")
     return "\n".join(lines)
+
+
+def _interval(by: float, of: Estimate | Difference, digits: str) -> str:
+    """In brackets; nothing where there is none: a single scene has no spread."""
+    return "" if math.isnan(of.low) else f"[{by * of.low:{digits}}, {by * of.high:{digits}}]"

@@ -111,7 +111,7 @@ class Calibrated(Truth):
         pose = Pose(there[:3, :3], there[:3, 3], to_working1 @ k1, to_working2 @ k2)
         if self.depth1 is None or self.depth2 is None:
             return WorkingTruth(pose=pose)
-        depth1, depth2 = _depth(self.depth1), _depth(self.depth2)
+        depth1, depth2 = read_depth(self.depth1), read_depth(self.depth2)
         back = np.linalg.inv(there)
         file1, file2 = np.linalg.inv(to_working1), np.linalg.inv(to_working2)
 
@@ -178,11 +178,19 @@ def _look_up(depth: npt.NDArray[np.float32], points: Float) -> Float:
 
 
 @lru_cache(maxsize=4)
-def _depth(path: Path) -> npt.NDArray[np.float32]:
+def read_depth(path: Path) -> npt.NDArray[np.float32]:
+    """(H, W) of a ``.npy`` file.
+
+    Raises
+    ------
+    EvalError
+        If there is no such array in it.
+    """
     try:
         depth = np.load(path, allow_pickle=False)
-    except (OSError, ValueError) as error:
+    except (OSError, EOFError, ValueError) as error:
         raise EvalError(f"{path}: not a depth map (.npy): {reason(error)}") from error
-    if depth.ndim != 2:
-        raise EvalError(f"{path}: a depth map has shape (H, W), this one {depth.shape}")
+    if not isinstance(depth, np.ndarray) or depth.dtype.kind not in "fiu" or depth.ndim != 2:
+        found = f"{depth.dtype} {depth.shape}" if isinstance(depth, np.ndarray) else "an archive of arrays"
+        raise EvalError(f"{path}: a depth map is numbers of shape (H, W), not {found}")
     return np.asarray(depth, np.float32)

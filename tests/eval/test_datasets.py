@@ -128,6 +128,37 @@ def test_rotation_and_scale_sets(hpatches_folder):
     assert between(zoomed.pairs[3]).forward(right) == pytest.approx(centre + np.array([20, 0]))
 
 
+def test_angles_and_factors_by_option(hpatches_folder):
+    turned = open_dataset(f"rotation:{hpatches_folder}?angles=10,50,90,130,170,210")
+    assert [p.parameter for p in turned.pairs] == 2 * [10, 50, 90, 130, 170, 210]
+    assert turned.pairs[5].second.view == Rotation(210)
+    assert turned.pairs[5].second.name == "i_light/1@rotation-210.png"
+    zoomed = open_dataset(f"scale:{hpatches_folder}?scenes=v_turn&factors=0.5,3")
+    assert [p.second.view for p in zoomed.pairs] == [Zoom(0.5), Zoom(3)]
+    views = [open_dataset(f"rotation:{hpatches_folder}?angles={angle}").pairs[0].second for angle in ("40", "40.0")]
+    assert views[0].digest(WORKING) == views[1].digest(WORKING) == turned_by_default(hpatches_folder).digest(WORKING)
+
+
+def turned_by_default(folder):
+    return open_dataset(f"rotation:{folder}").pairs[1].second
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("rotation:{}?angles=ten", "option angles=ten"),
+        ("rotation:{}?angles=", "option angles="),
+        ("rotation:{}?angles=10,inf", "different numbers"),
+        ("rotation:{}?angles=10,10.0", "different numbers"),
+        ("scale:{}?factors=0", "a factor is above 0"),
+        ("scale:{}?angles=10", "unknown options"),
+    ],
+)
+def test_angles_and_factors_that_are_none(hpatches_folder, text, words):
+    with pytest.raises(EvalError, match=words):
+        open_dataset(text.format(hpatches_folder))
+
+
 def test_a_view_at_0_degrees_is_the_image_itself(hpatches_folder):
     pair = open_dataset(f"rotation:{hpatches_folder}").pairs[0]
     assert np.array_equal(pair.first.open(WORKING).pixels, pair.second.open(WORKING).pixels)
@@ -243,6 +274,85 @@ def test_strecha_without_depth_knows_the_pose_alone(tmp_path):
     (tmp_path / "wall" / "0001.png.camera").unlink()
     with pytest.raises(EvalError, match=r"0001\.png\.camera"):
         open_dataset(f"strecha:{tmp_path}")
+
+
+def resize_images(folder, size):
+    for path in folder.glob("*.png"):
+        cv2.imwrite(str(path), cv2.resize(cv2.imread(str(path)), size))
+
+
+def test_strecha_images_of_another_size_than_the_cameras_are_refused(tmp_path):
+    write_strecha(tmp_path / "wall", depth=False)
+    resize_images(tmp_path / "wall", (50, 40))
+    with pytest.raises(EvalError, match=r"wall/0000\.png: 50x40 pixels, but 0000\.png\.camera is for 200x160"):
+        open_dataset(f"strecha:{tmp_path}")
+
+
+@pytest.mark.parametrize("shape", [(80, 100), (SIZE[0], SIZE[1])])
+def test_strecha_depth_of_another_size_than_the_image_is_refused(tmp_path, shape):
+    write_strecha(tmp_path / "wall", depth=True)
+    np.save(tmp_path / "wall" / "0001.depth.npy", np.full(shape, 5.0, np.float32))
+    say = rf"0001\.depth\.npy: a depth map of {shape[1]}x{shape[0]} for 0001\.png of 200x160 pixels"
+    with pytest.raises(EvalError, match=say):
+        open_dataset(f"strecha:{tmp_path}")
+
+
+@pytest.mark.parametrize("array", [np.zeros((3, 4, 5)), np.full((160, 200), "deep")])
+def test_a_depth_map_that_is_none_is_named(tmp_path, array):
+    write_strecha(tmp_path / "wall", depth=True)
+    np.save(tmp_path / "wall" / "0000.depth.npy", array)
+    with pytest.raises(EvalError, match=r"0000\.depth\.npy: a depth map is numbers of shape \(H, W\), not "):
+        open_dataset(f"strecha:{tmp_path}")
+
+
+@pytest.mark.parametrize("inner", ["", "wall"])
+def test_strecha_as_published(tmp_path, inner):
+    """``images/`` and ``gt_dense_cameras/``, of one scene or of several."""
+    scene = tmp_path / "wall"
+    write_strecha(scene, depth=True)
+    for folder, pattern in (("gt_dense_cameras", "*.camera"), ("images", "000*")):
+        files = list(scene.glob(pattern))
+        (scene / folder).mkdir()
+        for path in files:
+            path.rename(scene / folder / path.name)
+    (pair,) = open_dataset(f"strecha:{tmp_path / 'wall' if inner else tmp_path}").pairs
+    assert (pair.scene, pair.name) == ("wall", "wall/0000.png - wall/0001.png")
+    assert between(pair, None).forward(np.array([[100.0, 50.0]]))[0] == pytest.approx([80.0, 50.0])
+
+
+def test_strecha_pairs_of_the_first_image(tmp_path):
+    write_strecha(tmp_path / "wall", depth=False)
+    for name in ("0001.png", "0001.png.camera"):
+        for other in ("0002", "0003"):
+            shutil.copy(tmp_path / "wall" / name, tmp_path / "wall" / name.replace("0001", other))
+    firsts = [p.second.path.stem for p in open_dataset(f"strecha:{tmp_path}?pairs=first").pairs]
+    assert firsts == ["0001", "0002", "0003"]
+    assert len(open_dataset(f"strecha:{tmp_path}?pairs=first&step=2").pairs) == 2
+    assert len(open_dataset(f"strecha:{tmp_path}?pairs=all").pairs) == 6
+    with pytest.raises(EvalError, match="pairs=last: expected all or first"):
+        open_dataset(f"strecha:{tmp_path}?pairs=last")
+
+
+def test_the_published_scene_opens(shared):
+    if not (shared / "data" / "strecha" / "entry-P10").is_dir():
+        pytest.skip("no strecha/entry-P10 there")
+    pairs = open_dataset(f"strecha:{shared / 'data' / 'strecha'}?pairs=first").pairs
+    assert len(pairs) == 9
+    assert {pair.scene for pair in pairs} == {"entry-P10"}
+
+
+def test_a_flat_folder_is_called_by_its_name(tmp_path, monkeypatch):
+    write_strecha(tmp_path / "wall", depth=False)
+    for name in "ab":
+        cv2.imwrite(str(tmp_path / "wall" / f"{name}.png"), photograph(ord(name)))
+    (tmp_path / "wall" / "pairs.txt").write_text(pairs_line())
+    monkeypatch.chdir(tmp_path / "wall")
+    for text in ("pairs:pairs.txt", f"pairs:pairs.txt?images={tmp_path / 'wall'}", "webcam:."):
+        assert open_dataset(text).scenes() == ["wall"]
+    for name in "ab":
+        (tmp_path / "wall" / f"{name}.png").unlink()
+    assert open_dataset("strecha:.").scenes() == ["wall"]
+    assert open_dataset("strecha:.").pairs[0].first.name == "wall/0000.png"
 
 
 def test_what_is_hidden_has_no_image():

@@ -90,7 +90,28 @@ def test_gradients_keep_border_and_distance(kind, image):
 def test_gradient_saliency_of_a_ramp():
     ramp = np.tile(np.arange(20, dtype=np.float32), (10, 1))
     assert gradient_saliency(ramp, "sobel")[2:-2, 2:-2] == pytest.approx(8.0)
-    assert gradient_saliency(ramp, "laplacian")[2:-2, 2:-2] == pytest.approx(0.0)
+    assert gradient_saliency(ramp, "laplacian")[:, 5:-5] == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("kernel", [3, 5, 11])
+def test_the_laplacian_of_a_paraboloid_is_its_curvature(kernel):
+    """x^2 + 2 y^2 has 2 + 4; a kernel of size K weighs it with the sum of its two binomials, 4^(K - 2)."""
+    y, x = np.mgrid[-15:16, -15:16].astype(np.float32)
+    inner = slice(kernel // 2, -(kernel // 2))
+    found = gradient_saliency(x * x + 2 * y * y, "laplacian", kernel)[inner, inner]
+    assert found / 4.0 ** (kernel - 2) == pytest.approx(6.0, rel=1e-4)
+
+
+@pytest.mark.parametrize("kernel", ["0", "4", "33", "three"])
+def test_a_kernel_that_opencv_does_not_have_is_named(kernel):
+    with pytest.raises(EvalError, match=f"kernel={kernel}"):
+        open_method(f"laplacian?kernel={kernel}")
+
+
+def test_the_kernel_is_part_of_the_features_identity():
+    texts = ("laplacian", "laplacian?kernel=3", "sobel", "sobel?kernel=11")
+    assert len({open_method(text).fingerprint for text in texts}) == 4
+    assert open_method("laplacian?kernel=11").fingerprint == open_method("laplacian").fingerprint
 
 
 def test_gradient_saliency_sees_edges_of_both_directions():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -106,3 +107,13 @@ def test_progress_speaks_at_every_tenth_part_and_can_be_silent():
     assert len(loud.getvalue().splitlines()) == 10
     assert "stage 40/40" in loud.getvalue().splitlines()[-1]
     assert silent.getvalue() == ""
+
+
+@pytest.mark.parametrize("which", ["first", "second"])
+def test_intrinsics_of_another_size_of_the_image_are_refused(cloud, which):
+    """Images reduced to a quarter of what the cameras are for."""
+    first, second, truth = cloud
+    large = np.diag([4.0, 4.0, 1.0]) @ K
+    wrong = replace(truth, **{"intrinsics1" if which == "first" else "intrinsics2": flat(large)})
+    with pytest.raises(EvalError, match=rf"the {which} camera's principal point \(1280, 960\) lies outside"):
+        pair_metrics(first, second, wrong, PROTOCOL)

@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from elf_eval.report.summary import keypoints, scene_means
 from elf_eval.results import Results
 from elf_eval.runner import Resources, run
 from elf_eval.suite import DatasetEntry, MethodEntry, Suite
+from elf_eval.sweep import parse_grid
 from helpers import ROOT
 
 SMALL = Protocol(size=(160, 120), max_keypoints=60)
@@ -107,6 +109,94 @@ def test_half_a_cache_file_is_made_again(hpatches_folder, resources):
         path.write_bytes(path.read_bytes()[:length])
         assert load(path) is None
     assert cache.get(method, ref, SMALL)[1].digest() == made.digest()
+
+
+def damage(kind, path):
+    """Ways in which a file of the cache goes bad."""
+    data = path.read_bytes()
+    if kind == "a byte":
+        path.write_bytes(data[:150] + bytes([data[150] ^ 255]) + data[151:])
+    elif kind == "text":
+        path.write_text("nothing of the kind")
+    elif kind == "zeros":
+        path.write_bytes(bytes(len(data)))
+    elif kind == "compression":  # a method of the zip format that Python does not have
+        at = data.index(b"PK\x01\x02") + 10
+        path.write_bytes(data[:at] + b"\x63" + data[at + 1 :])
+    else:
+        with np.load(path) as file:
+            arrays = dict(file)
+        np.savez(path, **{**arrays, **CHANGES[kind]} if kind in CHANGES else {"nothing": np.zeros(3)})
+
+
+CHANGES = {
+    "shapes": {"keypoints": np.zeros((3, 5), np.float32)},
+    "types": {"size": np.array(["wide", "high"])},
+}
+
+
+@pytest.mark.parametrize("kind", ["a byte", "text", "zeros", "compression", "shapes", "types", "keys"])
+def test_a_damaged_cache_file_is_told_once_and_made_again(kind, hpatches_folder, resources, capsys):
+    method = open_method("orb")
+    ref = open_dataset(f"hpatches:{hpatches_folder}").pairs[0].first
+    cache = FeatureCache(resources.cache)
+    path, made = cache.get(method, ref, SMALL)
+    damage(kind, path)
+    assert cache.get(method, ref, SMALL)[1].digest() == made.digest()
+    assert capsys.readouterr().err == f"elf-eval: {path}: a damaged file of the cache; made again\n"
+    assert cache.get(method, ref, SMALL)[1].digest() == made.digest()
+    assert capsys.readouterr().err == ""
+
+
+def test_a_cache_that_can_t_be_written_leaves_no_half_file(hpatches_folder, resources, monkeypatch):
+    def full(file, **_):
+        file.write(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez", full)
+    ref = open_dataset(f"hpatches:{hpatches_folder}").pairs[0].first
+    with pytest.raises(OSError, match="No space"):
+        FeatureCache(resources.cache).get(open_method("orb"), ref, SMALL)
+    assert [path for path in resources.cache.rglob("*") if path.is_file()] == []
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"5",
+        b'["a", "b"]',
+        b"[[1], {}, 3]",
+        b"\xff\xfe",
+        b"[" * 100000,
+        b"null",
+        b'[123456, "key", {"rep": 1.0}]',
+    ],
+)
+def test_a_damaged_resume_line_is_told_once_and_evaluated_again(
+    line, suite, resources, tmp_path, interrupted_at, capsys
+):
+    log = tmp_path / "log.jsonl"
+    complete = run(suite, resources, log)
+    lines = log.read_bytes().splitlines()
+    log.write_bytes(b"\n".join([lines[0], line, *lines[2:]]) + b"\n")
+    calls = interrupted_at(99)
+    assert same(run(suite, resources, log), complete)
+    say = f"elf-eval: {log}: 1 of {len(lines)} lines are damaged; their pairs are evaluated again\n"
+    assert capsys.readouterr().err == say
+    assert len(calls) == 1
+    assert same(run(suite, resources, log), complete)
+    assert capsys.readouterr().err == ""
+    assert len(calls) == 1
+
+
+def test_a_resume_line_with_another_figure_is_not_believed(suite, resources, tmp_path):
+    log = tmp_path / "log.jsonl"
+    complete = run(suite, resources, log)
+    text = log.read_text()
+    changed = text.replace('"n1": 60', '"n1": 61', 1)
+    assert changed != text
+    log.write_text(changed)
+    assert same(run(suite, resources, log), complete)
 
 
 def test_an_interrupted_run_goes_on(suite, resources, tmp_path, interrupted_at):
@@ -234,8 +324,12 @@ def test_one_command_makes_the_whole_report(suite_file, tmp_path, capsys):
         assert {"01-two-own.png", "02-turned-equal.png", "03-two-own.png"} <= set(drawn)
         assert all(f"plots/{name}" in markdown for name in drawn)
     (folder / "README.md").unlink()
+    suite_file.write_text(suite_file.read_text().replace('paper = "SIFT"', 'paper = "SURF"'))
     assert main(["report", str(folder / "results.json"), "--suite", str(suite_file)]) == 0
-    assert "pictures/" in (folder / "README.md").read_text()
+    again = (folder / "README.md").read_text()
+    assert "pictures/" in again
+    assert "54.5 / 26.1" in again
+    assert "51.2 / 24.6" not in again
 
 
 def test_the_index_has_the_pages_of_earlier_runs_too(suite_file, tmp_path):
@@ -293,7 +387,11 @@ def test_compare_two_runs_and_two_methods(hpatches_folder, tmp_path, capsys):
     assert main(["compare", a, b]) == 0
     text = capsys.readouterr().out
     assert "differs: protocol max_keypoints: 500 -> 40" in text
-    assert "fewer" in text
+    line = next(line for line in text.splitlines() if " n1 " in line)
+    assert line.split()[4:6] == ["2", "-17.00"]  # two scenes, whose differences are far apart
+    assert line.endswith("noise")
+    assert main(["compare", a, b, "--unit", "pair"]) == 0
+    assert next(line for line in capsys.readouterr().out.splitlines() if " n1 " in line).endswith("fewer")
     assert main(["compare", a, a]) == 0
     same_again = capsys.readouterr().out.splitlines()[1:]
     assert same_again
@@ -324,6 +422,58 @@ def test_sweep_chooses_on_some_scenes_and_reports_on_others(hpatches_folder, tmp
     assert lines[-1].endswith("sobel")
     assert main(["sweep", "--model", "sobel", "--grid", "speed=3", *where, *rest]) == 1
     assert "unknown setting 'speed'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("nms_radius=4..7", ["4", "5", "6", "7"]),
+        ("nms_radius=2/4..6/5", ["2", "4", "5", "6"]),
+        ("scale=0.1..0.35..0.1", ["0.1", "0.2", "0.3"]),
+        ("denoise=3..7..2,1", ["3,1", "5,1", "7,1"]),
+        ("denoise=3..5..2,4..5/9,9", ["3,4", "3,5", "5,4", "5,5", "9,9"]),
+        ("threshold=kapur/0.2..0.4..0.2", ["kapur", "0.2", "0.4"]),
+    ],
+)
+def test_a_grid_takes_ranges(text, values):
+    assert parse_grid([text]) == {text.partition("=")[0]: values}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("nms_radius=4..", "is not FROM..TO"),
+        ("nms_radius=1..2..3..4", "is not FROM..TO"),
+        ("nms_radius=a..b", "is not FROM..TO"),
+        ("nms_radius=9..4", "goes upwards"),
+        ("nms_radius=1..4..0", "a step above 0"),
+        ("nms_radius=0..100000000000", "at most 1000"),
+        ("nms_radius=1..2..0.5", "grid 'nms_radius=1..2..0.5'"),
+    ],
+)
+def test_a_range_that_is_none_is_named(text, words):
+    with pytest.raises(EvalError, match=words):
+        parse_grid([text])
+
+
+def test_sweeps_count_the_settings_of_a_range(hpatches_folder, tmp_path, capsys):
+    grid = ["--grid", "nms_radius=4..6", "--grid", "denoise=3..5..2,1..2"]
+    where = ["--dataset", f"hpatches:{hpatches_folder}", "--metric", "rep", "--size", "160x120", "--top", "2"]
+    assert main(["sweep", "--model", "sobel", *grid, *where, "--cache", str(tmp_path / "c"), "--quiet"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("13 settings")
+    assert "nan" not in "".join(lines)
+
+
+def test_equal_counts_have_a_floor(suite, resources):
+    floor = replace(suite, protocol=replace(suite.protocol, count_floor=40))
+    results, plain = run(floor, resources), run(suite, resources)
+    own = {(p.method, p.first): p.metrics["n1"] for p in plain.pairs if p.counts == "own"}
+    for pair in results.pairs:
+        fewest = min(own[method, pair.first] for method in ("SIFT", "ORB", "few"))
+        kept = max(40, fewest) if pair.counts == "equal" else 60
+        assert pair.metrics["n1"] == min(own[pair.method, pair.first], kept)
+    assert any(fewest < 40 for (method, _), fewest in own.items() if method == "few")
 
 
 def test_images_are_written_under_the_names_that_precomputed_features_use(hpatches_folder, tmp_path, capsys):
@@ -369,6 +519,17 @@ def test_oxford_gives_the_known_figures(detector, known, shared, resources):
     figures = [100 * np.mean(list(scene_means(pairs, metric).values())) for metric in ("rep", "ms")]
     # A grey level's difference in the resized images, as between OpenCV's versions, moves these by up to 0.8.
     assert figures == pytest.approx(known, abs=0.9)
+
+
+def test_laplacian_is_repeated_more_than_sobel_as_in_the_paper(shared, resources):
+    dataset = DatasetEntry("Oxford", f"hpatches:{shared / 'data/oxford_affine'}")
+    kinds = ("laplacian", "sobel", "laplacian?kernel=3")
+    results = run(Suite([MethodEntry(kind, kind) for kind in kinds], [dataset]), resources)
+    pairs = {kind: results.of("Oxford", kind, "own") for kind in kinds}
+    rep = [100 * np.mean(list(scene_means(pairs[kind], "rep").values())) for kind in kinds]
+    assert rep == pytest.approx([71.2, 67.5, 56.5], abs=1.0)
+    counts = [keypoints(pairs[kind]).mean for kind in kinds]
+    assert counts == pytest.approx([153, 200, 110], abs=8)
 
 
 def test_the_module_is_the_command():

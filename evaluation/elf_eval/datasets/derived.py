@@ -6,6 +6,7 @@ In pixels of the file the two images of a pair are the same, so the ground truth
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -19,18 +20,34 @@ from .base import Dataset, Pair
 from .files import images_in
 from .hpatches import reference, scene_folders
 
-ANGLES = (0, 40, 80, 120, 160, 200)  # the paper: 0 to 210 degrees by 40
-FACTORS = (1.25, 1.5, 1.75, 2.0)
+ANGLES: tuple[float, ...] = (0, 40, 80, 120, 160, 200)  # in the authors' logs 10, 50, 90, 130, 170 and 210
+FACTORS: tuple[float, ...] = (1.25, 1.5, 1.75, 2.0)
 
 
 def rotation(spec: Spec) -> Dataset:
-    """``rotation:FOLDER`` in HPatches' layout: image 1 of each scene against itself, turned by `ANGLES`."""
-    return _from_references(spec, "rotation (degrees)", [(angle, Rotation(angle)) for angle in ANGLES])
+    """``rotation:FOLDER`` in HPatches' layout: image 1 of each scene against itself, turned by ``angles=A,B,...``
+    degrees, `ANGLES` by default.
+
+    0 is the image itself: it raises the mean over the angles.
+    """
+    angles = spec.take("angles", _numbers, ANGLES)
+    return _from_references(spec, "rotation (degrees)", [(angle, Rotation(angle)) for angle in angles])
 
 
 def scale(spec: Spec) -> Dataset:
-    """``scale:FOLDER`` in HPatches' layout: image 1 of each scene against itself, zoomed in by `FACTORS`."""
-    return _from_references(spec, "scale", [(factor, Zoom(factor)) for factor in FACTORS])
+    """``scale:FOLDER`` in HPatches' layout: image 1 of each scene against itself, zoomed in by ``factors=A,B,...``,
+    `FACTORS` by default."""
+    factors = spec.take("factors", _numbers, FACTORS)
+    if min(factors) <= 0.0:
+        raise EvalError(f"{spec.text}: option factors: a factor is above 0")
+    return _from_references(spec, "scale", [(factor, Zoom(factor)) for factor in factors])
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    found = [float(item) for item in text.split(",")]
+    if not all(map(math.isfinite, found)) or len(set(found)) < len(found):
+        raise ValueError("expected different numbers with commas between them")
+    return tuple(int(value) if value.is_integer() else value for value in found)  # 10 and 10.0 are the same view
 
 
 def _from_references(spec: Spec, parameter: str, views: Sequence[tuple[float, View]]) -> Dataset:

@@ -37,6 +37,11 @@ def folders_in(root: Path) -> list[Path]:
     return sorted((p for p in root.iterdir() if p.is_dir() and not p.name.startswith(".")), key=natural)
 
 
+def scene_name(folder: Path) -> str:
+    """A folder's own name, however it was written (".", "x/..")."""
+    return folder.resolve().name or "scene"
+
+
 def natural(path: Path) -> list[tuple[int, str]]:
     """A key that sorts digits by value."""
     parts = re.split(r"(\d+)", path.name)

@@ -14,12 +14,15 @@ from elf_eval.spec import Spec
 from elf_eval.truth import Calibrated
 
 from .base import Dataset, Pair
+from .files import scene_name
 
 _FIELDS = 38
 
 
 def posed(spec: Spec) -> Dataset:
-    """``pairs:FILE``; option ``images=FOLDER`` (by default the file's own).  A name's folder is the scene."""
+    """``pairs:FILE``; option ``images=FOLDER`` (by default the file's own).
+
+    A name's folder is the scene; that of names without one is called as the folder of the images."""
     listing = spec.file("pairs file")
     root = Path(spec.take("images", str, str(listing.parent))).expanduser()
     pairs = []
@@ -45,4 +48,5 @@ def _pair(fields: list[str], root: Path, where: str) -> Pair:
             raise EvalError(f"{where}: no such image: {root / name} (say images=FOLDER)")
         refs.append(ImageRef(name, root / name, quarter_turns=turn))
     truth = Calibrated(tuple(numbers[:9]), tuple(numbers[9:18]), tuple(numbers[18:]))
-    return Pair(str(Path(fields[0]).parent), refs[0], refs[1], truth)
+    inner = Path(fields[0]).parent.as_posix()
+    return Pair(scene_name(root) if inner == "." else inner, refs[0], refs[1], truth)

@@ -12,7 +12,7 @@ from elf_eval.spec import Spec
 from elf_eval.truth import Homography
 
 from .base import Dataset, Pair
-from .files import folders_in, images_in, is_image
+from .files import folders_in, images_in, is_image, scene_name
 
 _INNER = ("test/image_color", "test/image_gray", "test/image_grey")
 
@@ -20,14 +20,17 @@ _INNER = ("test/image_color", "test/image_gray", "test/image_grey")
 def webcam(spec: Spec) -> Dataset:
     """``webcam:FOLDER``; option ``limit=N`` takes only the first N images of a scene.
 
-    The first image of a scene, in natural order of the names, against each other one.
+    The first image of a scene, in natural order of the names, against each other one.  A FOLDER without
+    folders in it is one scene.
     """
     limit = spec.take("limit", int, 0)
     pairs: list[Pair] = []
-    for scene in folders_in(spec.folder()):
-        refs = [ImageRef(f"{scene.name}/{p.name}", p) for p in images_in(_image_folder(scene))]
+    root = spec.folder()
+    for scene in folders_in(root) or [root]:
+        name = scene_name(scene)
+        refs = [ImageRef(f"{name}/{p.name}", p) for p in images_in(_image_folder(scene))]
         refs = refs[:limit] if limit else refs
-        pairs += [Pair(scene.name, refs[0], other, Homography()) for other in refs[1:]]
+        pairs += [Pair(name, refs[0], other, Homography()) for other in refs[1:]]
     return Dataset("webcam", tuple(pairs))
 
 

@@ -7,19 +7,20 @@ from .homography import corner_error, estimate_homography
 from .matching import descriptor_distances, mean_matching_accuracy, mutual_nearest
 from .pose import estimate_pose, pose_error
 from .repeatability import Covisible, covisible, repeatability_and_matching_score
-from .statistics import Estimate, auc, bootstrap_mean, paired_difference
+from .statistics import Estimate, auc, auc_trapezoids, mean_interval, paired_difference
 
 __all__ = [
     "Covisible",
     "Estimate",
     "auc",
-    "bootstrap_mean",
+    "auc_trapezoids",
     "corner_error",
     "covisible",
     "descriptor_distances",
     "estimate_homography",
     "estimate_pose",
     "greedy_matching",
+    "mean_interval",
     "mean_matching_accuracy",
     "mutual_nearest",
     "paired_difference",

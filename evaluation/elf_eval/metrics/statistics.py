@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-RESAMPLES = 5000
+from .student import quantile, two_sided
+
 LEVEL = 0.95
-SEED = 0
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A mean over scenes with its bootstrap interval; `low` and `high` are NaN for a single scene."""
+    """A mean over scenes with its interval; `low` and `high` are NaN for a single scene."""
 
     mean: float
     low: float
@@ -24,7 +24,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Difference:
-    """Mean of b - a over scenes, its interval, and the two-sided bootstrap p value."""
+    """Mean of b - a over scenes, its interval, and the two-sided p value; NaN where they can't be had."""
 
     mean: float
     low: float
@@ -41,45 +41,64 @@ def auc(error: float, threshold: float) -> float:
     """Area under one pair's recall curve, error <= e for e in [0, threshold], as a share of the whole.
 
     The mean over pairs is the exact area under their empirical recall curve, so that it averages over scenes
-    like every other metric.  (The trapezoids through the sorted errors that are also in use join the curve's
-    steps by slopes; the two differ by the order of 1 / pairs.)
+    like every other metric.  `auc_trapezoids` is the other convention in use.
     """
     return max(0.0, 1.0 - error / threshold)
 
 
-def bootstrap_mean(scenes: Sequence[float]) -> Estimate:
-    """The mean of per-scene values and its percentile bootstrap interval over scenes.
+def auc_trapezoids(errors: Sequence[float], threshold: float) -> float:
+    """AUC of all pairs together as SuperGlue's authors and most since compute it: to compare with their figures.
 
-    5000 resamples of a fixed seed, 95 %.
+    Slopes join (0, 0) and the points (e_i, i / n) of the sorted errors below the threshold, and from the last of
+    them the curve is level; `auc` has steps instead, whose area is smaller by up to the order of 1 / n.
+
+    Parameters
+    ----------
+    errors : (n,), n >= 1
+        Infinite where nothing was found.
+    """
+    ordered = np.sort(np.asarray(errors, np.float64))
+    below = ordered[ordered < threshold]
+    x = np.concatenate([[0.0], below, [threshold]])
+    recall = np.arange(len(below) + 1) / ordered.size
+    y = np.append(recall, recall[-1])
+    return float((np.diff(x) * (y[1:] + y[:-1]) / 2.0).sum() / threshold)
+
+
+def mean_interval(scenes: Sequence[float]) -> Estimate:
+    """The mean of per-scene values and Student's 95 % interval.
+
+    A bootstrap's is too narrow where scenes are few: of three, it holds the true mean in 3 cases of 4.
     """
     values = np.asarray(scenes, np.float64)
     mean = float(values.mean()) if values.size else float("nan")
     if values.size < 2:
         return Estimate(mean, float("nan"), float("nan"))
-    low, high = _interval(values[_resamples(values.size)].mean(axis=1))
-    return Estimate(mean, low, high)
+    half = quantile(LEVEL, values.size - 1) * _standard_error(values)
+    return Estimate(mean, mean - half, mean + half)
 
 
 def paired_difference(a: Mapping[str, float], b: Mapping[str, float]) -> Difference:
-    """b - a over the units (scenes or pairs) that both have: the units are resampled, the pairing kept."""
+    """b - a over the units (scenes or pairs) that both have, with Student's interval of the paired differences.
+
+    Where all differences are one and the same they have no spread to judge by: p is that of the sign test,
+    2 / 2^n, and there is an interval only from the n on where that is below 5 %.
+    """
     units = sorted(a.keys() & b.keys())
     delta = np.array([b[u] - a[u] for u in units])
-    mean = float(delta.mean()) if delta.size else float("nan")
+    nan = float("nan")
+    mean = float(delta.mean()) if delta.size else nan
     if delta.size < 2:
-        nan = float("nan")
         return Difference(mean, nan, nan, nan)
-    means = delta[_resamples(delta.size)].mean(axis=1)
-    low, high = _interval(means)
-    # One is added, as for every resampling test: p can't be below what so many resamples can tell.
-    rarer = min(int((means <= 0.0).sum()), int((means >= 0.0).sum()))
-    return Difference(mean, low, high, min(1.0, 2.0 * (rarer + 1) / (RESAMPLES + 1)))
+    if not delta.any():
+        return Difference(0.0, 0.0, 0.0, 1.0)
+    error = _standard_error(delta)
+    if error < 1e-9 * abs(mean):
+        p = 2.0 ** (1 - delta.size)
+        return Difference(mean, mean, mean, p) if p < 1.0 - LEVEL else Difference(mean, nan, nan, p)
+    half = quantile(LEVEL, delta.size - 1) * error
+    return Difference(mean, mean - half, mean + half, two_sided(mean / error, delta.size - 1))
 
 
-def _resamples(count: int) -> npt.NDArray[np.int64]:
-    return np.random.default_rng(SEED).integers(0, count, (RESAMPLES, count))
-
-
-def _interval(means: npt.NDArray[np.float64]) -> tuple[float, float]:
-    tail = (1.0 - LEVEL) / 2.0
-    low, high = np.quantile(means, [tail, 1.0 - tail])
-    return float(low), float(high)
+def _standard_error(values: npt.NDArray[np.float64]) -> float:
+    return float(values.std(ddof=1) / np.sqrt(values.size))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from html import escape
 from pathlib import Path
+from typing import Any
 
 from elf_eval.results import Results
 from elf_eval.suite import TableEntry
@@ -65,23 +67,50 @@ def _facts(results: Results, command: str) -> list[str]:
     """What a reader must know to judge the figures and to make them again."""
     p = results.protocol
     size = "images as they are" if p["size"] is None else f"images at {p['size'][0]}x{p['size'][1]}"
-    h = p["homography"]
+    known = {name for pair in results.pairs for name in pair.metrics}
     facts = [
         f"Made by `{command}` on {results.created[:10]}.",
         f"Protocol: {size}, at most {p['max_keypoints']} keypoints, repeated within {p['eps']:g} px.",
-        "Averaged per scene, then over scenes, in percent; in brackets: 95 % bootstrap interval over scenes.",
-        f"Homographies from mutual nearest neighbours by OpenCV's {h['estimator']}: {h['threshold']:g} px, "
-        f"{h['iterations']} iterations, confidence {h['confidence']}, seed {h['seed']}.",
-        "Versions: " + ", ".join(f"{name} {version}" for name, version in results.versions.items()) + ".",
     ]
     if "equal" in p["counts"]:
-        facts.insert(
-            2, "Equal counts: of each image, every method keeps as many as the one that found the fewest."
+        facts.append(_equal(p.get("count_floor", 0)))
+    facts.append(
+        "Averaged per scene, then over scenes, in percent; in brackets: 95 % interval over scenes (Student's t)."
+    )
+    for title, estimated, settings in (
+        ("Homographies", "h_error", p["homography"]),
+        ("Relative poses, through the essential matrix,", "pose_error", p["pose"]),
+    ):
+        if estimated in known:
+            facts.append(f"{title} from mutual nearest neighbours by OpenCV's {_estimator(settings)}.")
+    if known & {"h_error", "pose_error"}:
+        facts.append(
+            "AUC: the area under the recall curve, which rises in a step at each error, averaged per scene, then over "
+            "scenes. As SuperGlue: slopes join the sorted errors of all pairs together, as in its authors' code and in "
+            "most papers since; compare published figures with this one."
         )
+    if any(m["paper"] for m in results.methods):
+        facts.append("The paper's columns: rep / ms; -: it has no such row; not given: its figure is not known here.")
+    facts.append("Versions: " + ", ".join(f"{name} {version}" for name, version in results.versions.items()) + ".")
     if not plots.available():
         facts.append("Plots are left out: matplotlib is not installed (it is in the extra 'eval').")
     facts += [f"Not measured: {s['name']}: {s['reason']}." for s in results.skipped]
     return facts
+
+
+def _equal(floor: int) -> str:
+    text = "Equal counts: of each image, every method keeps as many as the one that found the fewest"
+    if not floor:
+        return text + "."
+    return text + f", but at least {floor}: a method that found fewer than {floor} keeps what it found."
+
+
+def _estimator(settings: Mapping[str, Any]) -> str:
+    s = settings
+    return (
+        f"{s['estimator']}: {s['threshold']:g} px, {s['iterations']} iterations, confidence {s['confidence']}, "
+        f"seed {s['seed']}"
+    )
 
 
 def _markdown(

@@ -17,7 +17,11 @@ from elf_eval.results import Results
 from elf_eval.runner import Resources
 from elf_eval.suite import Suite
 
+from .names import wrapped
+
 _GREEN, _RED, _GREY, _BLUE = (60, 180, 60), (60, 60, 230), (160, 160, 160), (220, 150, 40)  # BGR
+
+_FONT = (cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)  # face, scale, thickness
 
 
 def write_pictures(suite: Suite, results: Results, folder: Path, resources: Resources) -> list[Path]:
@@ -60,9 +64,9 @@ def draw_matches(
     """
     offset = pixels1.shape[1] + 4
     height = max(pixels1.shape[0], pixels2.shape[0])
-    canvas = np.full((height + 26, offset + pixels2.shape[1], 3), 255, np.uint8)
-    canvas[26 : 26 + pixels1.shape[0], : pixels1.shape[1]] = pixels1
-    canvas[26 : 26 + pixels2.shape[0], offset:] = pixels2
+    canvas = np.full((height, offset + pixels2.shape[1], 3), 255, np.uint8)
+    canvas[: pixels1.shape[0], : pixels1.shape[1]] = pixels1
+    canvas[: pixels2.shape[0], offset:] = pixels2
     a, b = first.features, second.features
     for shift, points in ((0, a.keypoints), (offset, b.keypoints)):
         for x, y in points:
@@ -86,9 +90,21 @@ def draw_matches(
             cv2.circle(canvas, end, 3, colour, 1, cv2.LINE_AA)
     text = f"{title}: {len(a)} and {len(b)} keypoints, {len(matches)} matches"
     text += f", {int(right.sum())} within {eps:g} px" if len(matches) else ""
-    cv2.putText(canvas, text, (8, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
-    return canvas
+    return np.concatenate([_title(text, canvas.shape[1]), canvas])
+
+
+def _title(text: str, width: int) -> npt.NDArray[np.uint8]:
+    """(height, width, 3) white: the text in as many lines as it needs; OpenCV's fonts know ASCII alone."""
+    plain = text.encode("ascii", "replace").decode()
+    for length in range(len(plain), 0, -1):
+        lines = wrapped(plain, length, len(plain)).split("\n")
+        if all(cv2.getTextSize(line, *_FONT)[0][0] <= width - 16 for line in lines):
+            break
+    band = np.full((18 * len(lines) + 8, width, 3), 255, np.uint8)
+    for i, line in enumerate(lines):
+        cv2.putText(band, line, (8, 18 * (i + 1)), _FONT[0], _FONT[1], (0, 0, 0), _FONT[2], cv2.LINE_AA)
+    return band
 
 
 def _at(x: float, y: float) -> tuple[int, int]:
-    return round(float(x)), round(float(y)) + 26
+    return round(float(x)), round(float(y))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +10,14 @@ import numpy as np
 
 from elf_eval.metrics import Estimate
 from elf_eval.metrics.matching import MMA_THRESHOLDS
-from elf_eval.results import Results
+from elf_eval.results import PairResult, Results
 from elf_eval.suite import TableEntry
 
 from .names import wrapped
-from .summary import summarize
-from .tables import selected
+from .summary import having, keypoints, summarize
+from .tables import how_counted, selected
 
+_BRACKETS = "in brackets: mean number of keypoints"
 _REP, _MS = "#4477aa", "#ee7733"  # a pair that colour-blind readers can tell apart
 
 
@@ -56,10 +58,12 @@ def _bars(results: Results, dataset: dict[str, Any], methods: list[dict[str, Any
     from matplotlib.figure import Figure
 
     names = [m["name"] for m in methods]
-    figure = Figure(figsize=(max(4.0, 1.1 * len(names) + 1.5), 3.6), layout="constrained")
+    pairs = {name: having(results.of(dataset["name"], name, counts), "rep") for name in names}
+    width = max(4.0, 1.1 * len(names) + 1.5)
+    figure = Figure(figsize=(width, 3.8), layout="constrained")
     axes = figure.subplots()
     for metric, colour, shift in (("rep", _REP, -0.2), ("ms", _MS, 0.2)):
-        values = [summarize(results.of(dataset["name"], name, counts), metric) for name in names]
+        values = [summarize(pairs[name], metric) for name in names]
         if not any(values):
             continue
         place = np.array([i for i, v in enumerate(values) if v is not None])
@@ -78,10 +82,12 @@ def _bars(results: Results, dataset: dict[str, Any], methods: list[dict[str, Any
             axes.text(x, 1.5, f"{100 * value.mean:.1f}", ha="center", color="white", fontsize=8)
     if not axes.containers:
         return None
-    axes.set_xticks(range(len(names)), [wrapped(n, 16, 6) for n in names], fontsize=8)
+    labels = [f"{wrapped(name, 16, 6)}\n{_count(pairs[name])}" for name in names]
+    axes.set_xticks(range(len(names)), labels, fontsize=8)
     axes.set_ylim(0, 100)
     axes.set_ylabel("%")
-    axes.set_title(_title(dataset, counts, "95 % bootstrap interval over scenes"), fontsize=9)
+    extra = "95 % interval over scenes, below the names: mean number of keypoints"
+    axes.set_title(_title(results, dataset, counts, extra, width), fontsize=9)
     axes.legend(frameon=False, ncols=2)
     _plain(axes)
     return figure
@@ -92,7 +98,7 @@ def _curves(results: Results, dataset: dict[str, Any], methods: list[dict[str, A
 
     if not dataset["parameter"]:
         return None
-    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    figure = Figure(figsize=(11.0, 3.8), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     for axes, metric in zip(panels, ("rep", "ms"), strict=True):
         for i, method in enumerate(methods):
@@ -101,41 +107,45 @@ def _curves(results: Results, dataset: dict[str, Any], methods: list[dict[str, A
             points = [summarize([p for p in pairs if p.parameter == v], metric) for v in values]
             known = [(v, 100 * p.mean) for v, p in zip(values, points, strict=True) if p is not None]
             if known:
-                axes.plot(*zip(*known, strict=True), marker=_marker(i), label=_legend(method))
+                axes.plot(*zip(*known, strict=True), marker=_marker(i), label=_legend(method, pairs))
         axes.set_xlabel(dataset["parameter"])
         axes.set_title(metric, fontsize=9)
         axes.set_ylim(0, 100)
         _plain(axes)
     panels[0].set_ylabel("%")
-    panels[0].legend(frameon=False, fontsize=8)
-    figure.suptitle(_title(dataset, counts), fontsize=9)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize=8)
+    figure.suptitle(_title(results, dataset, counts, _BRACKETS, 8.5), fontsize=9)
     return figure
 
 
 def _mma(results: Results, dataset: dict[str, Any], methods: list[dict[str, Any]], counts: str) -> Any:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(5.0, 3.8), layout="constrained")
+    figure = Figure(figsize=(7.0, 3.8), layout="constrained")
     axes = figure.subplots()
     for i, method in enumerate(methods):
         pairs = results.of(dataset["name"], method["name"], counts)
         points = [summarize(pairs, f"mma@{t}") for t in MMA_THRESHOLDS]
         shown = [100 * p.mean for p in points if p is not None]
         if shown:
-            axes.plot(MMA_THRESHOLDS, shown, marker=_marker(i), label=_legend(method))
+            axes.plot(MMA_THRESHOLDS, shown, marker=_marker(i), label=_legend(method, pairs))
     if not axes.lines:
         return None
     axes.set_xlabel("threshold (px)")
     axes.set_ylabel("mean matching accuracy (%)")
     axes.set_ylim(0, 100)
-    axes.set_title(_title(dataset, counts), fontsize=9)
-    axes.legend(frameon=False, fontsize=8, loc="lower right")
+    axes.set_title(_title(results, dataset, counts, _BRACKETS, 5.0), fontsize=9)
+    figure.legend(loc="outside right upper", frameon=False, fontsize=8)
     _plain(axes)
     return figure
 
 
-def _legend(method: dict[str, Any]) -> str:
-    return wrapped(method["name"], 40, 3)
+def _legend(method: dict[str, Any], pairs: Sequence[PairResult]) -> str:
+    return f"{wrapped(method['name'], 28, 4)} ({_count(pairs)})"
+
+
+def _count(pairs: Sequence[PairResult]) -> str:
+    return f"{keypoints(pairs).mean:.0f}" if pairs else "-"
 
 
 def _errors(values: list[Estimate]) -> Any:
@@ -144,9 +154,10 @@ def _errors(values: list[Estimate]) -> Any:
     return 100 * np.array([[v.mean - v.low for v in values], [v.high - v.mean for v in values]])
 
 
-def _title(dataset: dict[str, Any], counts: str, extra: str = "") -> str:
-    label = {"own": "each method's own keypoints", "equal": "equal counts"}[counts]
-    return ", ".join(filter(None, [dataset["name"], label, extra]))
+def _title(results: Results, dataset: dict[str, Any], counts: str, extra: str, width: float) -> str:
+    """In lines that a figure of so many inches has room for, at 9 points."""
+    text = f"{dataset['name']}, {how_counted(results, counts)}; {extra}"
+    return wrapped(text, int(width * 13), 8)
 
 
 def _marker(index: int) -> str:

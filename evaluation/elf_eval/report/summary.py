@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from elf_eval.metrics import Estimate, bootstrap_mean
+from elf_eval.metric_names import is_share
+from elf_eval.metrics import Estimate, mean_interval
 from elf_eval.results import PairResult
 
 
@@ -15,6 +17,18 @@ class Keypoints:
 
     mean: float
     least: int
+
+
+def image_counts(pairs: Iterable[PairResult], second: bool = False) -> dict[str, float]:
+    """Keypoints of each image of the pairs, or of each pair's second image, by its name."""
+    first = {} if second else {p.first: p.metrics["n1"] for p in pairs}
+    found = first | {p.second: p.metrics["n2"] for p in pairs}
+    return {name: count for name, count in found.items() if count is not None}
+
+
+def having(pairs: Iterable[PairResult], metric: str) -> list[PairResult]:
+    """The pairs that have a metric."""
+    return [p for p in pairs if p.metrics.get(metric) is not None]
 
 
 def scene_means(pairs: Iterable[PairResult], metric: str) -> dict[str, float]:
@@ -28,15 +42,17 @@ def scene_means(pairs: Iterable[PairResult], metric: str) -> dict[str, float]:
 
 
 def summarize(pairs: Sequence[PairResult], metric: str) -> Estimate | None:
-    """Mean over scenes with its interval; None where no pair has the metric."""
+    """Mean over scenes with its interval, within what the metric can be; None where no pair has the metric."""
     means = scene_means(pairs, metric)
-    return bootstrap_mean(list(means.values())) if means else None
+    if not means:
+        return None
+    found, most = mean_interval(list(means.values())), 1.0 if is_share(metric) else math.inf
+    return Estimate(found.mean, *(min(max(end, 0.0), most) for end in (found.low, found.high)))
 
 
-def keypoints(pairs: Sequence[PairResult]) -> Keypoints:
+def keypoints(pairs: Iterable[PairResult]) -> Keypoints:
     """Over all images of the pairs, each counted once."""
-    counts = {p.first: p.metrics["n1"] for p in pairs} | {p.second: p.metrics["n2"] for p in pairs}
-    numbers = [n for n in counts.values() if n is not None]
+    numbers = list(image_counts(pairs).values())
     return Keypoints(sum(numbers) / len(numbers), int(min(numbers)))
 
 

@@ -6,22 +6,16 @@ import csv
 from pathlib import Path
 from typing import Any
 
-from elf_eval.metrics import Estimate
+from elf_eval import paper
+from elf_eval.metrics.homography import HOMOGRAPHY_THRESHOLDS
 from elf_eval.metrics.matching import MMA_THRESHOLDS
+from elf_eval.metrics.pose import POSE_THRESHOLDS
 from elf_eval.results import PairResult, Results
 from elf_eval.suite import TableEntry
 
-from .paper import PAPER
-from .summary import keypoints, metrics_in, summarize
+from .columns import by_pairs, short, superglue
+from .summary import having, image_counts, keypoints, metrics_in, summarize
 from .table import Table
-
-# Title and metrics of each column group; a group without any value on a dataset is left out.
-_COLUMNS: list[tuple[str, list[str]]] = [
-    ("MMA@3", ["mma@3"]),
-    ("H AUC@1 / 3 / 5", ["h_auc@1", "h_auc@3", "h_auc@5"]),
-    ("pose AUC@5 / 10 / 20", ["pose_auc@5", "pose_auc@10", "pose_auc@20"]),
-]
-_COUNTS = {"own": "up to {n} keypoints", "equal": "equal counts"}
 
 
 def selected(results: Results, entry: TableEntry) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
@@ -33,80 +27,115 @@ def selected(results: Results, entry: TableEntry) -> tuple[list[dict[str, Any]],
 
 
 def build(results: Results, entry: TableEntry) -> list[Table]:
-    """The tables of an entry: one for each dataset and way of counting."""
+    """The tables of an entry: one for each dataset and way of counting, and for each part of the pairs that a metric
+    is over, where those differ."""
     datasets, methods = selected(results, entry)
     tables = []
     for dataset in datasets:
         for counts in results.protocol["counts"]:
-            label = _COUNTS[counts].format(n=results.protocol["max_keypoints"])
-            caption = f"{dataset['name']}, {label} ({dataset['pairs']} pairs, {dataset['scenes']} scenes)"
             if entry.plot == "mma":
-                tables.append(_by_threshold(results, dataset["name"], methods, counts, caption))
+                tables.append(_by_threshold(results, dataset, methods, counts))
                 continue
-            tables.append(_main(results, dataset["name"], methods, counts, caption))
+            tables += _main(results, dataset, methods, counts, entry)
             if dataset["parameter"]:
-                tables.append(_by_parameter(results, dataset, methods, counts, caption))
+                tables.append(_by_parameter(results, dataset, methods, counts))
     return tables
 
 
-def _main(results: Results, dataset: str, methods: list[dict[str, Any]], counts: str, caption: str) -> Table:
-    found = {m["name"]: results.of(dataset, m["name"], counts) for m in methods}
-    present = {name for pairs in found.values() for name in metrics_in(pairs)}
-    columns = [(title, names) for title, names in _COLUMNS if names[0] in present]
-    beside = [m["name"] for m in methods if m["paper"] in PAPER]
-    has_place = "rep" in present
-    header = ["method", "keypoints (least)"] + (["rep", "ms"] if has_place else [])
-    header += [title for title, _ in columns] + ["inliers"]
-    header += ["the paper's HPatches", "the paper's Webcam"] if beside else []
-    rows = []
-    for method in methods:
-        pairs = found[method["name"]]
-        count = keypoints(pairs)
-        row = [method["name"], f"{count.mean:.0f} ({count.least})"]
-        row += [_percent(summarize(pairs, name)) for name in ("rep", "ms")] if has_place else []
-        row += [" / ".join(_short(summarize(pairs, name)) for name in names) for _, names in columns]
-        inliers = summarize(pairs, "h_inliers") or summarize(pairs, "pose_inliers")
-        row.append("-" if inliers is None else f"{inliers.mean:.0f}")
-        if beside:
-            row += [_paper(method["paper"], name) for name in ("HPatches", "Webcam")]
-        rows.append(row)
-    return Table(caption, header, rows)
+def how_counted(results: Results, counts: str) -> str:
+    """In words: up to how many keypoints, or as many as the method with the fewest."""
+    if counts == "own":
+        return f"up to {results.protocol['max_keypoints']} keypoints"
+    floor = results.protocol.get("count_floor", 0)
+    return f"equal counts, at least {floor}" if floor else "equal counts"
+
+
+def _caption(
+    results: Results, dataset: dict[str, Any], counts: str, found: list[list[PairResult]]
+) -> str:
+    """The dataset, how many keypoints are kept, and the pairs and scenes that a table is over."""
+    there = {(p.scene, p.pair) for pairs in found for p in pairs}
+    sizes = (len(there), dataset["pairs"], "pair"), (len({scene for scene, _ in there}), dataset["scenes"], "scene")
+    parts = ", ".join(f"{n if n == of else f'{n} of {of}'} {what}{'' if of == 1 else 's'}" for n, of, what in sizes)
+    text = f"{dataset['name']}, {how_counted(results, counts)} ({parts})"
+    floor = results.protocol.get("count_floor", 0)
+    if counts == "equal" and floor:
+        images = [item for pairs in found for item in image_counts(pairs).items()]
+        fewer = {name for name, count in images if count < floor}
+        text += f"; on {len(fewer)} of {len(dict(images))} images a method finds fewer than {floor}"
+    return text
+
+
+def _main(
+    results: Results, dataset: dict[str, Any], methods: list[dict[str, Any]], counts: str, entry: TableEntry
+) -> list[Table]:
+    found = {m["name"]: results.of(dataset["name"], m["name"], counts) for m in methods}
+    tables = []
+    for columns, over in by_pairs(found):
+        part = {name: [p for p in pairs if (p.scene, p.pair) in over] for name, pairs in found.items()}
+        beside = any(c.metric == "rep" for c in columns) and (entry.paper or any(m["paper"] for m in methods))
+        header = ["method", "keypoints (least)", *(c.title for c in columns)]
+        header += [f"the paper's {name}" for name in paper.DATASETS] if beside else []
+        rows = []
+        for method in methods:
+            pairs = part[method["name"]]
+            row = [method["name"], _counted(pairs), *(c.cell(pairs) for c in columns)]
+            rows.append(row + (_paper(method["paper"]) if beside else []))
+        if beside and entry.paper and counts == results.protocol["counts"][0]:
+            ours = {m["paper"] for m in methods}
+            absent = [name for name in paper.TABLES[entry.paper] if name not in ours]
+            rows += [[name, "not measured", *("-" for _ in columns), *_paper(name)] for name in absent]
+        tables.append(Table(_caption(results, dataset, counts, list(part.values())), header, rows))
+    return tables
+
+
+def _paper(row: str | None) -> list[str]:
+    return [paper.figures(row, name) for name in paper.DATASETS]
+
+
+def _counted(pairs: list[PairResult]) -> str:
+    if not pairs:
+        return "-"
+    count = keypoints(pairs)
+    return f"{count.mean:.0f} ({count.least})"
 
 
 def _by_parameter(
-    results: Results, dataset: dict[str, Any], methods: list[dict[str, Any]], counts: str, caption: str
+    results: Results, dataset: dict[str, Any], methods: list[dict[str, Any]], counts: str
 ) -> Table:
+    found = [results.of(dataset["name"], method["name"], counts) for method in methods]
+    values = sorted({p.parameter for pairs in found for p in pairs if p.parameter is not None})
     rows = []
-    values: list[float] = []
-    for method in methods:
-        pairs = results.of(dataset["name"], method["name"], counts)
-        values = sorted({p.parameter for p in pairs if p.parameter is not None})
+    for method, pairs in zip(methods, found, strict=True):
         row = [method["name"]]
         for value in values:
             there = [p for p in pairs if p.parameter == value]
-            row.append(f"{_short(summarize(there, 'rep'))} / {_short(summarize(there, 'ms'))}")
+            numbers = image_counts(there, second=True).values()
+            scores = f"{short(summarize(there, 'rep'))} / {short(summarize(there, 'ms'))}"
+            row.append(f"{scores} ({sum(numbers) / len(numbers):.0f})" if numbers else "-")
         rows.append(row)
-    title = f"{caption}: rep / ms by {dataset['parameter']}"
+    title = f"{_caption(results, dataset, counts, found)}: rep / ms (keypoints of the view) by {dataset['parameter']}"
     return Table(title, ["method", *(f"{value:g}" for value in values)], rows)
 
 
 def _by_threshold(
-    results: Results, dataset: str, methods: list[dict[str, Any]], counts: str, caption: str
+    results: Results, dataset: dict[str, Any], methods: list[dict[str, Any]], counts: str
 ) -> Table:
+    found = [having(results.of(dataset["name"], m["name"], counts), f"mma@{MMA_THRESHOLDS[0]}") for m in methods]
     rows = []
-    for method in methods:
-        pairs = results.of(dataset, method["name"], counts)
-        values = [_short(summarize(pairs, f"mma@{t}")) for t in MMA_THRESHOLDS]
-        rows.append([method["name"], f"{keypoints(pairs).mean:.0f}", *values])
-    header = ["method", "keypoints", *(f"{t} px" for t in MMA_THRESHOLDS)]
-    return Table(f"{caption}: share of the matches within", header, rows)
+    for method, pairs in zip(methods, found, strict=True):
+        values = [short(summarize(pairs, f"mma@{t}")) for t in MMA_THRESHOLDS]
+        rows.append([method["name"], _counted(pairs), *values])
+    header = ["method", "keypoints (least)", *(f"{t} px" for t in MMA_THRESHOLDS)]
+    return Table(f"{_caption(results, dataset, counts, found)}: share of the matches within", header, rows)
 
 
 def write_csv(results: Results, path: Path) -> None:
-    """Every metric of every method on every dataset: mean over scenes and its 95 % interval."""
+    """Every metric of every method on every dataset: mean over scenes, its 95 % interval, and the pairs and scenes
+    that it is over; the AUC as SuperGlue's authors compute it has no interval."""
     with open(path, "w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["dataset", "counts", "method", "metric", "mean", "low", "high", "pairs"])
+        writer.writerow(["dataset", "counts", "method", "metric", "mean", "low", "high", "pairs", "scenes"])
         for dataset in results.datasets:
             for counts in results.protocol["counts"]:
                 for method in results.methods:
@@ -114,29 +143,16 @@ def write_csv(results: Results, path: Path) -> None:
 
 
 def _csv_rows(writer: Any, pairs: list[PairResult]) -> None:
+    def row(metric: str, over: list[PairResult], *figures: float) -> None:
+        where = [over[0].dataset, over[0].counts, over[0].method]
+        numbers = [f"{v:.6g}" if v == v else "" for v in figures]
+        writer.writerow([*where, metric, *numbers, len(over), len({p.scene for p in over})])
+
     for metric in metrics_in(pairs):
         value = summarize(pairs, metric)
         if value is not None:
-            figures = [f"{v:.6g}" for v in (value.mean, value.low, value.high)]
-            writer.writerow(
-                [pairs[0].dataset, pairs[0].counts, pairs[0].method, metric, *figures, len(pairs)]
-            )
-
-
-def _percent(value: Estimate | None) -> str:
-    if value is None:
-        return "-"
-    if value.low != value.low:  # NaN: a single scene has no interval
-        return f"{100 * value.mean:.1f}"
-    return f"{100 * value.mean:.1f} [{100 * value.low:.0f}, {100 * value.high:.0f}]"
-
-
-def _short(value: Estimate | None) -> str:
-    return "-" if value is None else f"{100 * value.mean:.1f}"
-
-
-def _paper(name: str | None, dataset: str) -> str:
-    if name is None or name not in PAPER:
-        return ""
-    rep, ms = PAPER[name][dataset]
-    return f"{rep:.1f} / {ms:.1f}"
+            row(metric, having(pairs, metric), value.mean, value.low, value.high)
+    for error, thresholds in (("h_error", HOMOGRAPHY_THRESHOLDS), ("pose_error", POSE_THRESHOLDS)):
+        over = [p for p in pairs if error in p.metrics]
+        for metric, auc in (superglue(over, error, thresholds) or {}).items():
+            row(metric, over, auc, float("nan"), float("nan"))
