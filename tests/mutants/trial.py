@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import faulthandler
 import io
 import os
 import signal
@@ -62,6 +63,7 @@ def trial(what: str, work: Callable[[], None]) -> Outcome:
 
 def _in_child(work: Callable[[], None], said: int) -> int:
     # What libraries print goes nowhere; a fault's text goes to the parent.
+    faulthandler.disable()
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     os.dup2(nowhere, 2)

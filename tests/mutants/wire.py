@@ -1,4 +1,4 @@
-"""Model files with one thing wrong, made from bytes alone: the protobuf's fields, tensors, metadata, contract values."""
+"""Model files with one thing wrong, made from bytes alone: the protobuf's fields, metadata, contract values."""
 
 from __future__ import annotations
 
