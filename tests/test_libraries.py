@@ -68,6 +68,28 @@ def test_a_missing_library_is_named_with_what_to_install(
     assert "During handling" not in done.stderr  # one error, not a chain of them
 
 
+@pytest.mark.parametrize(
+    ("options", "content", "said"),
+    [
+        ("--onnx a.onnx --list", None, "elf-export --onnx needs the package onnx, and no PyTorch: pip install onnx"),
+        ("--net vgg --layer pool1", None, "named networks need PyTorch and onnx: pip install torch onnx"),
+        ("--list", None, "named networks need PyTorch and onnx: pip install torch onnx"),
+        ("--onnx a.onnx --list", "raise ImportError('protobuf is too old')",
+         "the package onnx is installed but can't be loaded: protobuf is too old"),
+    ],
+)  # fmt: skip
+def test_the_exporter_asks_for_no_more_than_it_needs(
+    tmp_path: Path, options: str, content: str | None, said: str
+) -> None:
+    absent = "raise ModuleNotFoundError(\"No module named '{0}'\", name='{0}')"
+    (tmp_path / "onnx.py").write_text(absent.format("onnx") if content is None else content, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-m", "elf_export.cli", *options.split()],
+        capture_output=True, text=True, check=False, env=environment(tmp_path, tmp_path),
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (1, f"elf-export: error: {said}\n")
+
+
 @pytest.mark.parametrize("package", ["elf_runtime", "elf_eval", "elf_export"])
 @pytest.mark.parametrize(
     ("given", "loaded_with", "asked"),

@@ -15,7 +15,7 @@ import re
 import site
 import sys
 from collections.abc import Iterable, Sequence
-from importlib import metadata
+from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +50,7 @@ def suited(requirements: Iterable[str], folders: Sequence[str]) -> list[str]:
 def builds(prefix: str, module: str, folders: Sequence[str]) -> list[str]:
     """The installed packages, by name, that begin with `prefix` and hold `module`."""
     found = set()
-    for package in metadata.distributions(path=list(folders)):
+    for package in distributions(path=list(folders)):
         name = re.sub(r"[-_.]+", "-", package.metadata["Name"] or "").lower()
         if name.startswith(prefix):
             tops = {file.parts[0].split(".")[0] for file in package.files or ()}

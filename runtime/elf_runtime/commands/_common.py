@@ -11,6 +11,7 @@ from typing import Any
 
 import cv2
 
+from elf_runtime import __version__
 from elf_runtime.canvas import Picture
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError, SettingError
@@ -32,12 +33,18 @@ class UsageError(Exception):
 
 
 def new_parser(name: str, description: str, epilog: str = "") -> argparse.ArgumentParser:
-    return argparse.ArgumentParser(
+    parser = argparse.ArgumentParser(
         prog=name,
         description=description,
         epilog=epilog,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    add_version(parser)
+    return parser
+
+
+def add_version(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--version", action="version", version=f"{parser.prog} {__version__}")
 
 
 def run(
