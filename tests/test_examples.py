@@ -261,3 +261,10 @@ def test_hloc_s_files_hold_the_keypoints_and_the_matches(
     assert np.stack([matched, partners[matched]], 1).tolist() == match(a, b, ratio=ratio).tolist()
     np.testing.assert_allclose(scores[matched], np.sum(a.descriptors[matched] * b.descriptors[partners[matched]], 1))
     assert (scores[partners == -1] == 0).all()
+
+
+def test_the_page_on_pipelines_lets_photographs_share_their_camera() -> None:
+    page = (ROOT / "docs" / "pipelines.md").read_text(encoding="utf-8")
+    command = page.split("colmap feature_importer", 1)[1].split("colmap matches_importer")[0]
+    assert "--ImageReader.single_camera 1" in command
+    assert "camera_mode=pycolmap.CameraMode.SINGLE" in page.split("reconstruction.main(", 1)[1].split("```")[0]
