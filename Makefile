@@ -5,11 +5,12 @@ PYTHON ?= python3
 PIP = -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 RUNTIME = .venv/runtime
 FULL = .venv/full
+LOWEST = .venv/lowest
 
 # A worker per core; each is busy by itself, so torch's own threads would only wait for one another.
 PYTEST = -m pytest -q --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test test-runtime test-full lint bench models clean
+.PHONY: demo test test-runtime test-lowest test-full lint bench models clean
 
 demo: $(RUNTIME)/ready
 	$(RUNTIME)/bin/elf-detect demo/palace.jpg -o out
@@ -17,11 +18,15 @@ demo: $(RUNTIME)/ready
 	$(RUNTIME)/bin/elf-match demo/palace.jpg out/demo/view.png --ransac homography -o out/demo/matches.png
 	@echo "Look at out/demo/palace.png and out/demo/matches.png"
 
-test: lint test-runtime test-full
+test: lint test-runtime test-lowest test-full
 
 # What a robot runs: the three base dependencies, no PyTorch, no onnx.
 test-runtime: $(RUNTIME)/ready
 	$(RUNTIME)/bin/python $(PYTEST) -m "not torch"
+
+# The same with the oldest versions that pyproject.toml allows; here elf-eval's plots too.
+test-lowest: $(LOWEST)/ready
+	$(LOWEST)/bin/python $(PYTEST) -m "not torch"
 
 test-full: $(FULL)/ready
 	OMP_NUM_THREADS=1 $(FULL)/bin/python $(PYTEST)
@@ -41,6 +46,13 @@ $(RUNTIME)/ready: pyproject.toml constraints.txt
 	@echo "Setting up $(RUNTIME), once"
 	@$(PYTHON) -m venv $(RUNTIME)
 	@$(RUNTIME)/bin/python $(PIP) --editable . pytest pytest-xdist hypothesis
+	@touch $@
+
+$(LOWEST)/ready: pyproject.toml constraints-lowest.txt
+	@echo "Setting up $(LOWEST), once"
+	@$(PYTHON) -m venv $(LOWEST)
+	@$(LOWEST)/bin/python $(PIP:constraints.txt=constraints-lowest.txt) --editable ".[eval]" \
+		$(shell grep -E "^(pytest|pytest-xdist|hypothesis)==" constraints.txt)
 	@touch $@
 
 # torch first: whichever build the package index gives (the CPU one is enough) satisfies the rest.

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+import elf_runtime  # noqa: F401  (before any test imports ONNX Runtime, whose telemetry it switches off)
 from helpers import textured
 
 NEEDS_TORCH = ("export", "adjoint")

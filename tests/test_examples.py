@@ -152,25 +152,34 @@ def test_the_c_example_says_what_is_wrong(program: Path, ppm: Path, tmp_path: Pa
 
 @pytest.fixture(scope="module")
 def photos(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, Features]:
-    """Two views, 16 columns apart, with their features in stored pixels."""
+    """Two views, 16 columns apart, with their features in stored pixels; noise makes some of the matches doubtful."""
     folder, scene = tmp_path_factory.mktemp("photos"), textured(120, 176)
+    noisy = np.clip(scene + np.random.default_rng(0).normal(0, 40, scene.shape), 0, 255).astype(np.uint8)
     paths = [folder / "a.jpg", folder / "sub" / "b.jpg"]
     paths[1].parent.mkdir()
     paths[0].write_bytes(turned_jpeg(scene[:, 16:]))
-    paths[1].write_bytes(turned_jpeg(scene[:, :-16], 1))
+    paths[1].write_bytes(turned_jpeg(noisy[:, :-16], 1))
     elf = ElfRuntime()
     settings = {"preset": "accurate", "max_keypoints": 2000}
     return {path: elf.detect(read(path, ignore_exif=True), **settings) for path in paths}
 
 
-def converted(script: str, folder: Path, out: Path) -> subprocess.CompletedProcess[str]:
+def converted(script: str, folder: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:
     env = {**os.environ, "PYTHONPATH": str(ROOT / "runtime")}
-    command = [sys.executable, str(EXAMPLES / "pipelines" / script), str(folder), str(out)]
+    command = [sys.executable, str(EXAMPLES / "pipelines" / script), str(folder), str(out), *options]
     return subprocess.run(command, env=env, capture_output=True, text=True, check=False)
 
 
-def test_colmap_s_text_files_hold_the_keypoints_and_the_matches(photos: dict[Path, Features], tmp_path: Path) -> None:
-    done = converted("to_colmap.py", next(iter(photos)).parent, tmp_path / "out")
+RATIOS = pytest.mark.parametrize(
+    ("options", "ratio"), [([], 0.9), (["--ratio", "0.7"], 0.7), (["--ratio", "none"], None)]
+)
+
+
+@RATIOS
+def test_colmap_s_text_files_hold_the_keypoints_and_the_matches(
+    photos: dict[Path, Features], tmp_path: Path, options: list[str], ratio: float | None
+) -> None:
+    done = converted("to_colmap.py", next(iter(photos)).parent, tmp_path / "out", *options)
     assert done.returncode == 0, done.stderr
     a, b = photos.values()
     for name, features in zip(("a.jpg", "sub/b.jpg"), (a, b), strict=True):
@@ -183,7 +192,19 @@ def test_colmap_s_text_files_hold_the_keypoints_and_the_matches(photos: dict[Pat
     names, *lines, blank = (tmp_path / "out" / "matches.txt").read_text().split("\n")[:-1]
     assert (names, blank) == ("a.jpg sub/b.jpg", "")
     assert len(lines) > 10
-    assert [list(map(int, line.split())) for line in lines] == match(a, b).tolist()
+    assert [list(map(int, line.split())) for line in lines] == match(a, b, ratio=ratio).tolist()
+    assert (len(lines) < len(match(a, b))) == (ratio is not None)
+
+
+@pytest.mark.parametrize("script", ["to_colmap.py", "to_hloc.py"])
+@pytest.mark.parametrize("ratio", ["0", "1", "nan", "high"])
+def test_a_ratio_is_a_number_below_one(script: str, ratio: str, photos: dict[Path, Features], tmp_path: Path) -> None:
+    if script == "to_hloc.py":
+        pytest.importorskip("h5py")
+    done = converted(script, next(iter(photos)).parent, tmp_path / "out", "--ratio", ratio)
+    assert done.returncode == 2
+    assert "error: argument --ratio: " in done.stderr.splitlines()[-1]
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("script", ["to_colmap.py", "to_hloc.py"])
@@ -217,9 +238,12 @@ def test_hloc_has_one_name_for_files_that_differ_by_a_slash(tmp_path: Path) -> N
     assert not (tmp_path / "out").exists()
 
 
-def test_hloc_s_files_hold_the_keypoints_and_the_matches(photos: dict[Path, Features], tmp_path: Path) -> None:
+@RATIOS
+def test_hloc_s_files_hold_the_keypoints_and_the_matches(
+    photos: dict[Path, Features], tmp_path: Path, options: list[str], ratio: float | None
+) -> None:
     h5py = pytest.importorskip("h5py")
-    done = converted("to_hloc.py", next(iter(photos)).parent, tmp_path / "out")
+    done = converted("to_hloc.py", next(iter(photos)).parent, tmp_path / "out", *options)
     assert done.returncode == 0, done.stderr
     a, b = photos.values()
     assert (tmp_path / "out" / "pairs.txt").read_text() == "a.jpg sub/b.jpg\n"
@@ -234,6 +258,13 @@ def test_hloc_s_files_hold_the_keypoints_and_the_matches(photos: dict[Path, Feat
     assert len(partners) == len(scores) == len(a)
     matched = np.flatnonzero(partners != -1)
     assert len(matched) > 10
-    assert np.stack([matched, partners[matched]], 1).tolist() == match(a, b).tolist()
+    assert np.stack([matched, partners[matched]], 1).tolist() == match(a, b, ratio=ratio).tolist()
     np.testing.assert_allclose(scores[matched], np.sum(a.descriptors[matched] * b.descriptors[partners[matched]], 1))
     assert (scores[partners == -1] == 0).all()
+
+
+def test_the_page_on_pipelines_lets_photographs_share_their_camera() -> None:
+    page = (ROOT / "docs" / "pipelines.md").read_text(encoding="utf-8")
+    command = page.split("colmap feature_importer", 1)[1].split("colmap matches_importer")[0]
+    assert "--ImageReader.single_camera 1" in command
+    assert "camera_mode=pycolmap.CameraMode.SINGLE" in page.split("reconstruction.main(", 1)[1].split("```")[0]

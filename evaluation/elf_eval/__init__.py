@@ -5,6 +5,8 @@ datasets -> methods -> extraction -> pair_metrics -> runner -> results -> report
 
 from __future__ import annotations
 
+import elf_runtime  # noqa: F401  (first: it prepares OpenCV and ONNX Runtime)
+
 from .errors import EvalError
 from .features import LocalFeatures
 from .protocol import Protocol

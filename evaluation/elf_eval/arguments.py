@@ -6,6 +6,8 @@ import argparse
 import re
 from collections.abc import Callable, Mapping
 
+from elf_runtime.commands._common import add_version
+
 from .cache import default_folder
 from .compare import METRICS
 
@@ -16,6 +18,7 @@ def build_parser(actions: Mapping[str, Callable[[argparse.Namespace], None]]) ->
         prog="elf-eval",
         description="Compare keypoint detectors and descriptors, by the ELF paper's protocol.",
     )
+    add_version(parser)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     one = commands.add_parser("run", help="evaluate methods on datasets")

@@ -4,6 +4,7 @@
  *
  * prints the COUNT (20) highest "x y saliency" that are the largest of their 11x11 neighbourhood.  The whole
  * post-processing (blur, threshold, suppression, descriptors) is described in docs/contract.md. */
+#define _POSIX_C_SOURCE 200112L /* setenv */
 #include <stdio.h>
 #include <stdlib.h>
 #include <onnxruntime_c_api.h>
@@ -79,6 +80,8 @@ int main(int argc, char **argv) {
     OrtEnv *env;
     OrtSessionOptions *options;
     OrtSession *session;
+    /* ONNX Runtime 1.29 and later would send what is run; 0: unless the user's environment has a word on it. */
+    setenv("ORT_DISABLE_TELEMETRY", "1", 0);
     check(ort->CreateEnv(ORT_LOGGING_LEVEL_ERROR, "elf", &env));
     check(ort->CreateSessionOptions(&options));
     check(ort->AddSessionConfigEntry(options, "session.intra_op.allow_spinning", "0"));

@@ -1,10 +1,38 @@
-"""What both scripts begin with: the photographs of a folder, and ELF's features of each."""
+"""What both scripts share: the command line, the photographs of a folder, ELF's features of each, and their matches."""
 
+import argparse
 import sys
+from collections.abc import Iterator
+from itertools import combinations
 from pathlib import Path
 
-from elf_runtime import ElfRuntime, Features
+import numpy as np
+import numpy.typing as npt
+
+from elf_runtime import ElfRuntime, Features, match
 from elf_runtime.image import named, read
+
+RATIO = 0.9  # repeated texture has second neighbours that are nearly as near: no match is better than a wrong one
+
+
+def arguments(description: str | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("images", type=Path, metavar="IMAGES", help="folder of the photographs")
+    parser.add_argument("out", type=Path, metavar="OUT", help="folder of what is written")
+    parser.add_argument(
+        "--ratio", type=_ratio, default=RATIO, metavar="R",
+        help=f"keep a match only where its distance is below R times that of the next best ({RATIO}); 'none': keep all",
+    )  # fmt: skip
+    return parser.parse_args()
+
+
+def _ratio(text: str) -> float | None:
+    if text == "none":
+        return None
+    value = float(text)
+    if not 0 < value < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not between 0 and 1, nor 'none'")
+    return value
 
 
 def photos_in(folder: Path) -> dict[str, Path]:
@@ -26,3 +54,11 @@ def features_of(photos: dict[str, Path]) -> dict[str, Features]:
         with named(path):
             found[name] = elf.detect(pixels, preset="accurate", max_keypoints=2000)
     return found
+
+
+def matches_of(
+    found: dict[str, Features], ratio: float | None
+) -> Iterator[tuple[str, str, npt.NDArray[np.int64]]]:
+    """Of every image with every later one: both names, and the indices of what matches, (M, 2)."""
+    for a, b in combinations(found, 2):
+        yield a, b, match(found[a], found[b], ratio=ratio)

@@ -1,30 +1,24 @@
 """ELF's keypoints and matches of a folder of images, as the text files that COLMAP imports.
 
-python to_colmap.py IMAGES OUT
+python to_colmap.py IMAGES OUT [--ratio R]
 """
 
-import sys
-from itertools import combinations
-from pathlib import Path
-
 import numpy as np
-from photos import features_of, photos_in
+from photos import arguments, features_of, matches_of, photos_in
 
-from elf_runtime import match
-
-images, out = map(Path, sys.argv[1:])
-found = features_of(photos_in(images))
+args = arguments(__doc__)
+found = features_of(photos_in(args.images))
 
 for name, features in found.items():
-    target = out / "features" / f"{name}.txt"
+    target = args.out / "features" / f"{name}.txt"
     target.parent.mkdir(parents=True, exist_ok=True)
     count = len(features)
     # COLMAP's first pixel has its centre at (0.5, 0.5).  x, y, scale 1, orientation 0, 128 unused values.
     rows = np.column_stack([features.keypoints + 0.5, np.ones(count), np.zeros((count, 129))])
     np.savetxt(target, rows, fmt=["%.3f"] * 2 + ["%d"] * 130, header=f"{count} 128", comments="")
 
-with open(out / "matches.txt", "w", encoding="utf-8") as file:
-    for a, b in combinations(found, 2):
+with open(args.out / "matches.txt", "w", encoding="utf-8") as file:
+    for a, b, pairs in matches_of(found, args.ratio):
         file.write(f"{a} {b}\n")
-        np.savetxt(file, match(found[a], found[b]), fmt="%d")
+        np.savetxt(file, pairs, fmt="%d")
         file.write("\n")

@@ -1,20 +1,17 @@
 """ELF's keypoints and matches of a folder of images, as hloc's features.h5, matches.h5 and pairs.txt.
 
-python to_hloc.py IMAGES OUT
+python to_hloc.py IMAGES OUT [--ratio R]
 """
 
 import sys
-from itertools import combinations
-from pathlib import Path
 
 import h5py
 import numpy as np
-from photos import features_of, photos_in
+from photos import arguments, features_of, matches_of, photos_in
 
-from elf_runtime import match
-
-images, out = map(Path, sys.argv[1:])
-photos = photos_in(images)
+args = arguments(__doc__)
+out = args.out
+photos = photos_in(args.images)
 names = [name.replace("/", "-") for name in photos]  # as hloc writes them in pairs
 if twice := [name for name in names if names.count(name) > 1]:
     sys.exit(f"{twice[0]}: hloc writes / as -, which gives two files this name; rename one")
@@ -30,9 +27,9 @@ with h5py.File(out / "features.h5", "w") as file:
         group["image_size"] = features.image_size[::-1]  # (width, height)
 
 with h5py.File(out / "matches.h5", "w") as file, open(out / "pairs.txt", "w", encoding="utf-8") as list_:
-    for a, b in combinations(found, 2):
+    for a, b, pairs in matches_of(found, args.ratio):
         list_.write(f"{a} {b}\n")
-        first, second = match(found[a], found[b]).T
+        first, second = pairs.T
         partners = np.full(len(found[a]), -1, np.int32)  # of each keypoint of a, in b; -1 is none
         cosines = np.zeros(len(found[a]), np.float32)
         partners[first] = second

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import elf_runtime  # noqa: F401  (first: it prepares ONNX Runtime)
+
 from .errors import (
     ExportError,
     LayerError,

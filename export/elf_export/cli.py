@@ -16,7 +16,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = p.parse_args(argv)
     check(args, p.error)
     try:
-        _need_onnx()
+        _need_onnx(named=args.onnx is None)
         if args.list:
             _list(args)
         else:
@@ -36,11 +36,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _need_onnx() -> None:
+def _need_onnx(named: bool) -> None:
+    """Refuse to go on without the onnx package; `named`: a named network is wanted, which needs PyTorch too."""
     try:
         import onnx  # noqa: F401
     except ImportError as error:
-        raise ExportError("exporting needs torch and onnx, the extra 'export' (see Install)") from error
+        if error.name != "onnx":
+            raise ExportError(f"the package onnx is installed but can't be loaded: {error}") from error
+        if named:
+            raise ExportError("named networks need PyTorch and onnx: pip install torch onnx") from error
+        raise ExportError("elf-export --onnx needs the package onnx, and no PyTorch: pip install onnx") from error
 
 
 def _export(args: argparse.Namespace) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from elf_runtime.commands._common import add_version
 from elf_runtime.commands._settings import setting
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ def parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    add_version(p)
     p.add_argument(
         "--layer", metavar="LAYER", help="the layer F that keypoints come from (--net: the paper's)"
     )

@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+from . import libraries as libraries  # before all that imports OpenCV or ONNX Runtime
 from .contract import DescriptorSpec, InputSpec, ModelContract, WeightsSpec
 from .engine import ElfRuntime, Trace
 from .errors import ContractError, ElfError, ImageError, ModelError, ProviderError, SettingError

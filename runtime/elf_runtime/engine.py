@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import image as images
+from .bundled import read_bundled
 from .contract import DescriptorSpec, ModelContract
 from .descriptors import sample
 from .errors import ElfError, ImageError, SettingError, first_line
@@ -21,7 +22,7 @@ from .maxima import maxima
 from .outputs import check_descriptors, check_map, check_saliency
 from .params import DetectionParams, is_int, preset
 from .refine import parabola_peaks
-from .session import Provider, bundled_model, is_cpu, read_model, resolve_providers
+from .session import Provider, is_cpu, read_model, resolve_providers
 from .sessions import Sessions
 from .spread import passing_by_cell
 from .threshold import blurred, passing
@@ -136,7 +137,7 @@ class ElfRuntime:
         """Open and check the model, (bytes, name), by default the bundled one that suits the provider."""
         providers = resolve_providers(options["providers"], options["fallback"])
         # Integers are for CPUs: other providers would convolve in floats, with roundings in between.
-        model, self._name = given or read_model(bundled_model("int8" if is_cpu(providers) else "fp32"))
+        model, self._name = given or read_bundled("int8" if is_cpu(providers) else "fp32")
         self._sessions = Sessions(model, self._name, {**options, "providers": providers}, sizes)
         self.providers = self._sessions.providers
         if is_cpu(self.providers) and not is_cpu(providers):

@@ -6,12 +6,12 @@ import io
 import os
 import warnings
 from collections.abc import Mapping, Sequence
-from importlib import resources
-from pathlib import Path
 from typing import Any
 
 import onnxruntime as ort
 
+from .bundled import BUNDLED as BUNDLED
+from .bundled import bundled_model as bundled_model
 from .errors import ModelError, ProviderError, first_line, reason
 from .filetype import HEAD, description, open_regular
 from .forking import opened
@@ -19,7 +19,6 @@ from .params import is_int
 
 Provider = str | tuple[str, Mapping[str, Any]]
 
-BUNDLED = {"fp32": "elf-vgg.onnx", "int8": "elf-vgg-int8.onnx"}
 _SHORT_NAMES = {
     "cpu": "CPUExecutionProvider",
     "cuda": "CUDAExecutionProvider",
@@ -33,11 +32,6 @@ _SHORT_NAMES = {
     "qnn": "QNNExecutionProvider",
     "webgpu": "WebGpuExecutionProvider",
 }
-
-
-def bundled_model(precision: str = "fp32") -> Path:
-    """Path of the model that comes with the package, in "fp32" or "int8": the same network, layers and settings."""
-    return Path(str(resources.files(__package__) / "models" / BUNDLED[precision]))
 
 
 def is_cpu(providers: Provider | Sequence[Provider] | None) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -429,3 +430,10 @@ def test_squeezenet_under_torchvision_s_names_takes_rgb() -> None:
     fitted = network.fit(state, shapes)
     assert (fitted["conv1.weight"] == tensors["conv1.weight"][:, ::-1]).all()
     assert all((fitted[n] == tensors[n]).all() for n in shapes if n != "conv1.weight")
+
+
+def test_without_pytorch_only_pytorch_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+    monkeypatch.delitem(sys.modules, "elf_export.networks.resnet", raising=False)
+    with pytest.raises(ExportError, match=r"^--net resnet18 is built with PyTorch: pip install torch \(the CPU build"):
+        get_network("resnet18")

@@ -69,7 +69,7 @@ class Precomputed(Method):
         try:
             import h5py
         except ImportError as error:
-            raise EvalError("h5py, which reads .h5 files, is not installed (it is in the extra 'eval')") from error
+            raise EvalError("h5py, which reads .h5 files, is not installed: pip install h5py") from error
         where = f"{self._path}:{image.name}"
         try:
             with h5py.File(self._path, "r") as file:

@@ -125,6 +125,6 @@ def get_network(name: str) -> Network:
     except ModuleNotFoundError as error:
         if error.name != "torch":
             raise
-        raise ExportError(f"--net {name} is built with PyTorch, of the extra 'export' (see Install)") from error
+        raise ExportError(f"--net {name} is built with PyTorch: pip install torch (the CPU build is enough)") from error
     assert isinstance(network, Network)
     return network

@@ -13,6 +13,7 @@ from typing import Any, TextIO
 import cv2
 import numpy.typing as npt
 
+from elf_runtime import __version__
 from elf_runtime import image as images
 from elf_runtime.canvas import Picture
 from elf_runtime.engine import ElfRuntime
@@ -36,12 +37,18 @@ class UsageError(Exception):
 
 
 def new_parser(name: str, description: str, epilog: str = "") -> argparse.ArgumentParser:
-    return argparse.ArgumentParser(
+    parser = argparse.ArgumentParser(
         prog=name,
         description=description,
         epilog=epilog,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    add_version(parser)
+    return parser
+
+
+def add_version(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--version", action="version", version=f"{parser.prog} {__version__}")
 
 
 def run(
