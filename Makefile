@@ -10,7 +10,7 @@ LOWEST = .venv/lowest
 # A worker per core; each is busy by itself, so torch's own threads would only wait for one another.
 PYTEST = -m pytest -q --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test test-runtime test-lowest test-full lint bench models clean
+.PHONY: demo test test-runtime test-lowest test-full lint bench mutants models clean
 
 demo: $(RUNTIME)/ready
 	$(RUNTIME)/bin/elf-detect demo/palace.jpg -o out
@@ -37,6 +37,10 @@ lint: $(FULL)/ready
 
 bench: $(FULL)/ready
 	$(FULL)/bin/python benchmarks/latency.py
+
+# Thousands of damaged models and images: docs/reliability.md.
+mutants: $(FULL)/ready
+	PYTHONPATH=tests OMP_NUM_THREADS=1 $(FULL)/bin/python -m mutants
 
 # Regenerate the bundled model; models/README.md says what it must be.
 models: $(FULL)/ready

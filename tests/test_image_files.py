@@ -26,14 +26,14 @@ from helpers import ROOT, TINY, textured, turned_jpeg
 JPEG = (ROOT / "demo" / "palace.jpg").read_bytes()
 
 
-def png_of(width: int, height: int) -> bytes:
-    """A valid PNG of zeros, as small as it gets."""
+def png_of(width: int, height: int, rows: int | None = None) -> bytes:
+    """A PNG of zeros, as small as it gets; valid, unless it has fewer `rows` than it says."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
 
     row = zlib.compressobj(9)
-    data = b"".join(row.compress(bytes(width * 3 + 1)) for _ in range(min(height, 64))) + row.flush()
+    data = b"".join(row.compress(bytes(width * 3 + 1)) for _ in range(height if rows is None else rows)) + row.flush()
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
 
@@ -74,7 +74,7 @@ def test_a_jpeg_s_size_lies_behind_its_metadata() -> None:
 
 
 def test_a_bomb_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
-    (tmp_path / "bomb.png").write_bytes(png_of(30000, 30000))
+    (tmp_path / "bomb.png").write_bytes(png_of(30000, 30000, rows=64))
     script = (
         "import sys, resource\n"
         "from elf_runtime.commands.detect import main\n"
@@ -89,6 +89,24 @@ def test_a_bomb_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
     assert "the PNG file has 30000x30000 pixels, more than the limit of 100,000,000; max_pixels" in done.stderr
     assert done.stderr.count("\n") == 1
     assert int(done.stdout.split()[-1]) < 400  # MiB
+
+
+def test_a_large_blank_file_costs_little_more_than_its_pixels(tmp_path: Path) -> None:
+    (tmp_path / "blank.png").write_bytes(png_of(9000, 9000))
+    script = (
+        "import sys, resource\n"
+        "from elf_runtime import ElfRuntime\n"
+        "elf = ElfRuntime()\n"
+        "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "found = elf.detect(sys.argv[1])\n"
+        "print(len(found), (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) // 1024)\n"
+    )
+    env = {**os.environ, "PYTHONPATH": str(ROOT / "runtime")}
+    command = [sys.executable, "-c", script, str(tmp_path / "blank.png")]
+    done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=60, check=True)
+    count, mebibytes = map(int, done.stdout.split())
+    assert count == 0
+    assert mebibytes < 800  # the decoder's pixels are 232, and are there twice; in floats 927 more
 
 
 def test_the_limit_is_an_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

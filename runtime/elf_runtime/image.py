@@ -195,8 +195,8 @@ def resized(pixels: Array, size: tuple[int, int]) -> Array:
     return out[:, :, None] if out.ndim == 2 else out
 
 
-def is_flat(pixels: Array) -> bool:
-    """True where all pixels (H, W, C) have the same colour: such an image has no saliency to speak of."""
+def is_flat(pixels: npt.NDArray[Any]) -> bool:
+    """True where all pixels, (H, W) or (H, W, C), have the same colour: such an image has no saliency to speak of."""
     return bool((pixels[0] == pixels[0, 0]).all() and (pixels == pixels[0, 0]).all())
 
 

@@ -110,8 +110,10 @@ def prepared(
         On a working scale, where the model takes one size only.
     """
     spec = contract.input
-    pixels = images.to_pixels(array, spec)
-    size = (pixels.shape[0], pixels.shape[1])
+    # One pixel stands for an image of one colour, which may be a gigabyte that was a kilobyte of file.
+    blank = array.ndim in (2, 3) and array.size > 0 and array.dtype.kind == "u" and images.is_flat(array[..., :3])
+    pixels = images.to_pixels(array[:1, :1] if blank else array, spec)
+    size = (array.shape[0], array.shape[1])
     if min(size) < spec.min_size:
         raise ImageError(f"the image has {size[1]}x{size[0]} pixels; the smallest is {spec.min_size}x{spec.min_size}")
     if spec.is_fixed and params.scale != 1.0:
@@ -120,8 +122,9 @@ def prepared(
             f"resizes to that: scale {params.scale:g} can't be chosen"
         )
     scale = max(params.scale, spec.min_size / min(size)) if params.scale < 1.0 else params.scale
-    textured = not images.is_flat(pixels)
-    pixels = images.resized(pixels, spec.size_for(size[0], size[1], scale))
+    working = spec.size_for(size[0], size[1], scale)
+    textured = not (blank or images.is_flat(pixels))
+    pixels = np.tile(pixels, (*working, 1)) if blank else images.resized(pixels, working)
     if spec.is_fixed:
         scale = float(np.sqrt(pixels.shape[0] / size[0] * pixels.shape[1] / size[1]))
     allowed = images.seen(array, mask)

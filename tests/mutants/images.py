@@ -125,7 +125,7 @@ def arrays(seed: int) -> Iterator[tuple[str, Any]]:
                 array, what = array[::-1, ::2], what + " strided"
             elif way == 1:
                 array, what = np.asfortranarray(array), what + " Fortran"
-            elif way == 2 and array.ndim > 1:
+            elif way == 2 and array.ndim > 1 and array.size:
                 sides = rng.choice(((10**6, 10**6), (64, 64), (20000, 20000)))
                 array = np.broadcast_to(array[:1, :1], sides + array.shape[2:])
                 what += " broadcast"

@@ -20,6 +20,8 @@ from .trial import command
 
 Job = tuple[str, Callable[[], None]]
 IMAGE = textured(66, 71)
+# Pixels of an image: one that is whole and larger needs what detection needs, some 300 bytes a pixel at full size.
+LARGEST = 4_000_000
 
 
 def elf_models(seed: int, limit: int) -> Iterator[Job]:
@@ -108,7 +110,7 @@ def picture_files(seed: int, limit: int) -> Iterator[Job]:
 
 
 def _array(array: Any) -> None:
-    elf = ElfRuntime(TINY, threads=1)
+    elf = ElfRuntime(TINY, threads=1, max_pixels=LARGEST)
     found = elf.detect(array)
     _check(found, np.shape(array))
     elf.detect(IMAGE, mask=np.ones(IMAGE.shape[:2], bool))
@@ -123,8 +125,9 @@ def _picture(data: bytes, ending: str, number: int) -> None:
         path = Path(folder, f"picture{ending}")
         path.write_bytes(data)
         if number % 2:
-            command(detect, [str(path), "-o", f"{folder}/out", "--model", str(TINY), "--threads", "1"])
+            options = ["--model", str(TINY), "--threads", "1", "--max-pixels", str(LARGEST)]
+            command(detect, [str(path), "-o", f"{folder}/out", *options])
             return
-        elf = ElfRuntime(TINY, threads=1)
+        elf = ElfRuntime(TINY, threads=1, max_pixels=LARGEST)
         found = elf.detect(path)
         _check(found, found.image_size)
