@@ -78,8 +78,8 @@ def check_pixels(shape: Sequence[int], max_pixels: int | None, what: str = "the 
 def _decoded(data: npt.NDArray[np.uint8], header: Header | None, ignore_exif: bool) -> npt.NDArray[Any]:
     flags = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH | (cv2.IMREAD_IGNORE_ORIENTATION if ignore_exif else 0)
     if header is None:
-        what = description(data.tobytes())
-        raise ImageError(f"not an image that OpenCV can decode{what and f': it is {what}'}")
+        what, unknown = description(data.tobytes()), "not an image that OpenCV can decode"
+        raise ImageError(f"{unknown}: it is {what}" if what else unknown)
     whole = not is_cut_off(data.tobytes(), header)
     pixels = _opencv(data, flags) if whole else None
     if pixels is None:

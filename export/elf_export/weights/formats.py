@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_export.errors import WeightsError
+from elf_runtime.errors import first_line, reason
+from elf_runtime.filetype import HEAD, description, open_regular
 
 Array = npt.NDArray[Any]
+
+# What no network needs that is meant to run as a keypoint detector, and what nobody should wait or make room for.
+MOST_BYTES = 2 << 30
+DEEPEST = 64  # groups of an HDF5 file inside one another
 
 
 def read_tensors(path: Path) -> dict[str, Array]:
@@ -27,13 +33,14 @@ def read_tensors(path: Path) -> dict[str, Array]:
     Raises
     ------
     WeightsError
-        If the file is missing, none of these, or holds no tensors.
+        If the file is missing, none of these, holds no tensors, or complex ones, or more than 2 GiB of them.
     """
     try:
-        with open(path, "rb") as file:
-            head = file.read(16)
+        with open_regular(path) as file:
+            head = file.read(HEAD)
+        _check_bytes(path, path.stat().st_size)
     except OSError as error:
-        raise WeightsError(f"{path}: {error.strerror or error}") from error
+        raise WeightsError(f"{path}: {reason(error)}") from error
     reader = _reader_for(path, head)
     try:
         tensors = reader(path)
@@ -42,10 +49,22 @@ def read_tensors(path: Path) -> dict[str, Array]:
     except ImportError as error:
         raise WeightsError(f"{path}: reading this file needs {error.name}: pip install {error.name}") from error
     except Exception as error:
-        raise WeightsError(f"{path}: unreadable as {reader.__name__.removeprefix('_read_')}: {error}") from error
-    if not tensors:
-        raise WeightsError(f"{path}: holds no tensors")
+        kind = reader.__name__.removeprefix("_read_")
+        raise WeightsError(f"{path}: unreadable as {kind}: {first_line(error)}") from error
+    for name, tensor in tensors.items():
+        if tensor.dtype.kind == "c":
+            raise WeightsError(f"{path}: the tensor {name!r} is of {tensor.dtype}; networks have real numbers")
+    numbers = {name: tensor for name, tensor in tensors.items() if tensor.dtype.kind in "fiub"}
+    if not numbers:
+        others = f": {', '.join(sorted({str(tensor.dtype) for tensor in tensors.values()}))[:100]}" if tensors else ""
+        raise WeightsError(f"{path}: holds no tensors of numbers{others}")
+    tensors = numbers
     return {name: tensors[name] for name in sorted(tensors, key=_natural)}
+
+
+def _check_bytes(path: Path, size: int) -> None:
+    if size > MOST_BYTES:
+        raise WeightsError(f"{path}: holds {size / 2**30:.1f} GiB; weights of at most {MOST_BYTES >> 30} GiB are read")
 
 
 def _reader_for(path: Path, head: bytes) -> Callable[[Path], dict[str, Array]]:
@@ -55,8 +74,10 @@ def _reader_for(path: Path, head: bytes) -> Callable[[Path], dict[str, Array]]:
         try:
             with zipfile.ZipFile(path) as archive:
                 names = archive.namelist()
-        except zipfile.BadZipFile as error:
+                unpacked = sum(member.file_size for member in archive.infolist())
+        except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
             raise WeightsError(f"{path}: unreadable as a zip archive (.pth, .keras, .npz): {error}") from error
+        _check_bytes(path, unpacked)
         if any(name.endswith(".weights.h5") for name in names):
             return _read_keras
         return _read_npz if all(name.endswith(".npy") for name in names) else _read_torch
@@ -66,7 +87,9 @@ def _reader_for(path: Path, head: bytes) -> Callable[[Path], dict[str, Array]]:
         return _read_torch
     if head[:1] == b"\x08":  # field 1 of ModelProto, ir_version
         return _read_onnx
-    raise WeightsError(f"{path}: not a .pth, .h5, .keras, .safetensors, .npz or .onnx file")
+    what = description(head, path.stat().st_size)
+    kinds = "not a .pth, .h5, .keras, .safetensors, .npz or .onnx file"
+    raise WeightsError(f"{path}: {kinds}: it is {what}" if what else f"{path}: {kinds}")
 
 
 def _read_npz(path: Path) -> dict[str, Array]:
@@ -83,7 +106,10 @@ def _read_torch(path: Path) -> dict[str, Array]:
             state = state[key]
     if not isinstance(state, dict):
         raise WeightsError(f"{path}: holds a {type(state).__name__}, not a state dict")
-    found = {name: value for name, value in state.items() if isinstance(value, torch.Tensor)}
+    found = {str(name): value for name, value in state.items() if isinstance(value, torch.Tensor)}
+    for name, value in found.items():
+        if value.is_complex():
+            raise WeightsError(f"{path}: the tensor {name!r} is of {value.dtype}; networks have real numbers")
     return {name.removeprefix("module."): value.float().numpy() for name, value in found.items()}
 
 
@@ -98,7 +124,7 @@ def _read_hdf5(path: Path) -> dict[str, Array]:
     import h5py
 
     with h5py.File(path, "r") as file:
-        return _datasets(file)
+        return _datasets(file, path)
 
 
 def _read_keras(path: Path) -> dict[str, Array]:
@@ -107,20 +133,32 @@ def _read_keras(path: Path) -> dict[str, Array]:
     with zipfile.ZipFile(path) as archive:
         member = next(name for name in archive.namelist() if name.endswith(".weights.h5"))
         with archive.open(member) as data, h5py.File(data, "r") as file:
-            return _datasets(file)
+            return _datasets(file, path)
 
 
-def _datasets(file: Any) -> dict[str, Array]:
+def _datasets(file: Any, path: Path) -> dict[str, Array]:
+    datasets = dict(_members(file, path))
+    _check_bytes(path, sum(dataset.nbytes for dataset in datasets.values()))
+    return {name: np.asarray(dataset) for name, dataset in datasets.items()}
+
+
+def _members(file: Any, path: Path) -> Iterator[tuple[str, Any]]:
+    """Every dataset of floats by its name; links to other places and files are not followed."""
     import h5py
 
-    found: dict[str, Array] = {}
-
-    def visit(name: str, item: object) -> None:
-        if isinstance(item, h5py.Dataset) and item.dtype.kind == "f":
-            found[name] = np.asarray(item)
-
-    file.visititems(visit)
-    return found
+    groups = [("", file, 0)]
+    while groups:
+        prefix, group, depth = groups.pop()
+        if depth > DEEPEST:
+            raise WeightsError(f"{path}: its groups are nested more than {DEEPEST} deep")
+        for name in group:
+            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                continue
+            item = group[name]
+            if isinstance(item, h5py.Group):
+                groups.append((f"{prefix}{name}/", item, depth + 1))
+            elif isinstance(item, h5py.Dataset) and item.dtype.kind == "f":
+                yield f"{prefix}{name}", item
 
 
 def _read_onnx(path: Path) -> dict[str, Array]:
