@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from elf_runtime.files import write_atomically
+
 from .features import LocalFeatures
 from .geometry import Float, Size
 from .images import ImageRef
@@ -122,24 +124,17 @@ def _extracted(data: Mapping[str, npt.NDArray[Any]]) -> Extracted:
 
 
 def save(path: Path, found: Extracted) -> None:
-    """Written under another name and moved, so that a file that is there is whole."""
+    """Write the features of an image; a file that is there is whole."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(f".{os.getpid()}.part")
     f = found.features
-    try:
-        with open(temporary, "wb") as file:
-            np.savez(
-                file,
-                keypoints=f.keypoints,
-                scores=f.scores,
-                descriptors=f.descriptors,
-                sizes=f.sizes,
-                angles=f.angles,
-                size=np.asarray(found.size),
-                to_working=found.to_working,
-                seconds=np.float64(found.seconds),
-            )
-        os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+    arrays = {
+        "keypoints": f.keypoints,
+        "scores": f.scores,
+        "descriptors": f.descriptors,
+        "sizes": f.sizes,
+        "angles": f.angles,
+        "size": np.asarray(found.size),
+        "to_working": found.to_working,
+        "seconds": np.float64(found.seconds),
+    }
+    write_atomically(path, lambda part: np.savez(part, **arrays))

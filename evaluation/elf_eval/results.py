@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
 import sys
 from collections.abc import Mapping
@@ -17,6 +16,7 @@ import numpy as np
 import onnxruntime
 
 import elf_runtime
+from elf_runtime.files import write_atomically
 
 from .errors import EvalError, reason
 
@@ -73,9 +73,8 @@ class Results:
         head = {k: v for k, v in vars(self).items() if k != "pairs"}
         text = json.dumps({"schema": SCHEMA, **head}, indent=1)[:-2]
         rows = ",\n".join("  " + json.dumps(asdict(pair)) for pair in self.pairs)
-        temporary = path.with_name(f".{path.name}.part")
-        temporary.write_text(f'{text},\n "pairs": [\n{rows}\n ]\n}}\n')
-        os.replace(temporary, path)
+        whole = f'{text},\n "pairs": [\n{rows}\n ]\n}}\n'
+        write_atomically(path, lambda part: part.write_text(whole, encoding="utf-8"))
 
     @classmethod
     def load(cls, path: Path) -> Results:
