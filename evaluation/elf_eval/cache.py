@@ -127,7 +127,7 @@ def save(path: Path, found: Extracted) -> None:
     """Write the features of an image; a file that is there is whole."""
     path.parent.mkdir(parents=True, exist_ok=True)
     f = found.features
-    arrays = {
+    arrays: dict[str, Any] = {
         "keypoints": f.keypoints,
         "scores": f.scores,
         "descriptors": f.descriptors,

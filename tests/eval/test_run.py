@@ -150,7 +150,7 @@ def test_a_damaged_cache_file_is_told_once_and_made_again(kind, hpatches_folder,
 
 def test_a_cache_that_can_t_be_written_leaves_no_half_file(hpatches_folder, resources, monkeypatch):
     def full(file, **_):
-        file.write(b"half")
+        file.write_bytes(b"half")
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(np, "savez", full)
