@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 
 from elf_runtime import ElfError
-from elf_runtime.files import discard_stdout, unwritable
+from elf_runtime.files import discard_stdout, print_anything, unwritable
 
 from . import compare as comparing
 from . import sweep as sweeping
@@ -39,6 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status: 0 done, 1 an error that was explained, 130 interrupted, 143 ended by
     SIGTERM."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    print_anything()
     args = build_parser(_ACTIONS).parse_args(arguments)
     args.command_line = shlex.join(["elf-eval", *arguments])
     try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import io
 import os
 import secrets
 import sys
@@ -11,6 +12,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 from .filetype import open_regular
+
+
+def print_anything() -> None:
+    """Let standard output and error take any text: what they can't encode is written as ``\\udcff`` or the like.
+
+    File names may be no Unicode, and a terminal, or what a scheduler runs a command with, may know ASCII only.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def discard_stdout() -> None:

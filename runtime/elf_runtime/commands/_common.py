@@ -18,7 +18,7 @@ from elf_runtime import image as images
 from elf_runtime.canvas import Picture
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError, SettingError, one_line, printable
-from elf_runtime.files import discard_stdout, write_atomically
+from elf_runtime.files import discard_stdout, print_anything, write_atomically
 from elf_runtime.image import MAX_PIXELS
 from elf_runtime.params import PRESETS, DetectionParams
 
@@ -55,6 +55,7 @@ def run(
     parser: argparse.ArgumentParser, work: Callable[[argparse.Namespace], int], argv: Sequence[str] | None
 ) -> int:
     """Parse and work; an expected error is one line on stderr and a status: 2 for usage, else 1."""
+    print_anything()
     args = parser.parse_args(argv)
     try:
         return work(args)
@@ -77,10 +78,8 @@ def report(command: str, error: object) -> None:
 
 
 def say(line: str, stream: TextIO) -> None:
-    """Print a line, in the characters that the stream has, and none that a terminal would obey."""
-    text = "\n".join(map(printable, line.split("\n")))
-    encoding = stream.encoding or "utf-8"
-    print(text.encode(encoding, "backslashreplace").decode(encoding), file=stream)
+    """Print lines without anything that a terminal would obey."""
+    print("\n".join(map(printable, line.split("\n"))), file=stream)
 
 
 def write_json(target: str, data: Mapping[str, Any]) -> None:
