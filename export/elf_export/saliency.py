@@ -14,7 +14,7 @@ from .adjoint.gradient import Part
 from .axes import axes_of
 from .cost import fix_sizes, sizes_where_known
 from .errors import ExportError, LayerError
-from .graph import Graph
+from .graph import Graph, defined_in, nested_graphs
 from .layout import image_layout
 from .passes import (
     compose_convs,
@@ -164,7 +164,7 @@ def _differentiated(
 def _other_names(model: onnx.ModelProto, ours: Collection[str]) -> dict[str, str]:
     """Those of the model's values that have one of our names -> free names for them."""
     graph = Graph(model)
-    values = {value.name for value in (*model.graph.input, *model.graph.initializer)} | set(graph.producers())
+    values = {name for scope in nested_graphs(model.graph) for name in defined_in(scope)}
     return {name: graph.unique(name) for name in sorted(values.intersection(ours))}
 
 

@@ -19,7 +19,7 @@ from . import (  # noqa: F401  (importing them registers their rules)
     smooth,
     softmax,
 )
-from .engine import adjoint_parts, build_adjoint, nodes_between, unsupported_behind
+from .engine import adjoint_parts, build_adjoint, nodes_between, opset_wanted, unsupported_behind
 from .registry import Context, Gradients, adjoint, no_gradient, supported_ops
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
     "build_adjoint",
     "no_gradient",
     "nodes_between",
+    "opset_wanted",
     "supported_ops",
     "unsupported_behind",
 ]

@@ -1,0 +1,168 @@
+"""Whether a model is one at all: every name defined once, every domain declared, every tensor of the size it states."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import onnx
+from onnx import TensorProto, helper
+
+from elf_export.errors import ExportError
+from elf_export.graph import bodies, captured, nested_graphs
+
+MOST_NODES = 200_000  # of a model whose local functions are written out
+SHOWN = 80  # characters of a name in a message
+NO_NUMBERS = (TensorProto.UNDEFINED, TensorProto.STRING)
+PACKED = {  # bits of an element, where it is no whole number of bytes
+    getattr(TensorProto, name, -1): bits
+    for name, bits in (("INT4", 4), ("UINT4", 4), ("FLOAT4E2M1", 4), ("INT2", 2), ("UINT2", 2))
+}
+
+
+def require_well_formed(model: onnx.ModelProto, file: str) -> None:
+    """Raise ExportError about the first thing that makes `model` no valid ONNX model.
+
+    What is checked is what everything behind relies on; a node with a wrong attribute is refused by ONNX Runtime, which
+    runs the model first.
+    """
+    fault = next(_faults(model), None)
+    if fault is not None:
+        raise ExportError(f"{file}: not a valid ONNX model: {fault}")
+
+
+def _faults(model: onnx.ModelProto) -> Iterator[str]:
+    yield from _domains(model)
+    yield from _functions(model)
+    for graph in nested_graphs(model.graph):
+        yield from _tensors(graph)
+    yield from _names(model.graph, set(), "")
+    for value in model.graph.input:
+        kind = value.type.WhichOneof("value")
+        if kind == "tensor_type" and value.type.tensor_type.elem_type not in TensorProto.DataType.values():
+            yield f"its input {shown(value.name)} has the unknown type {value.type.tensor_type.elem_type}"
+
+
+def _domains(model: onnx.ModelProto) -> Iterator[str]:
+    stated: dict[str, int] = {}
+    for entry in model.opset_import:
+        domain = "" if entry.domain == "ai.onnx" else entry.domain
+        if stated.setdefault(domain, entry.version) != entry.version:
+            yield f"it names two versions of the opset {shown(domain)}: {stated[domain]} and {entry.version}"
+    if "" not in stated:
+        yield "it names no opset of standard ONNX (opset_import); set the one that it was written in"
+    elif stated[""] < 1:
+        yield f"it names opset {stated['']}, and there is none below 1"
+    for graph in nested_graphs(model.graph):
+        for node in graph.node:
+            domain = "" if node.domain == "ai.onnx" else node.domain
+            if not node.op_type:
+                yield f"node {title(node)} names no op"
+            elif domain not in stated:
+                yield (
+                    f"node {title(node)} is a {shown(node.op_type)} of the domain {shown(domain)}, for which it names "
+                    "no opset (opset_import)"
+                )
+
+
+def _functions(model: onnx.ModelProto) -> Iterator[str]:
+    """Local functions that call themselves, or that would make a model without end of a short file."""
+    known = {(f.domain, f.name, getattr(f, "overload", "")): f for f in model.functions}
+    sizes: dict[tuple[str, str, str], int] = {}
+
+    def size(nodes: Sequence[onnx.NodeProto], above: tuple[tuple[str, str, str], ...]) -> int:
+        total = 0
+        for node in nodes:
+            key = (node.domain, node.op_type, getattr(node, "overload", ""))
+            if key in above:
+                raise ExportError(f"its function {shown(key[1])} calls itself")
+            if key in known and key not in sizes:
+                sizes[key] = size(known[key].node, (*above, key))
+            total += sizes.get(key, 1)
+            total += sum(size(body.node, above) for body in bodies(node))
+        return min(total, MOST_NODES + 1)
+
+    try:
+        total = size(model.graph.node, ())
+    except ExportError as error:
+        yield str(error)
+        return
+    if known and total > MOST_NODES:
+        yield f"written out, its functions have more than {MOST_NODES} nodes"
+
+
+def _tensors(graph: onnx.GraphProto) -> Iterator[str]:
+    if graph.sparse_initializer:
+        yield f"its weights {shown(graph.sparse_initializer[0].values.name)} are sparse; store them as a dense tensor"
+    for tensor in graph.initializer:
+        yield from _tensor(tensor, f"its tensor {shown(tensor.name)}")
+    for node in graph.node:
+        for attribute in node.attribute:
+            where = f"the attribute {shown(attribute.name)} of node {title(node)}"
+            if attribute.type not in onnx.AttributeProto.AttributeType.values() or not attribute.type:
+                yield f"{where} is of no type"
+            if attribute.ref_attr_name:
+                yield f"{where} refers to {shown(attribute.ref_attr_name)}, of a function that it is not in"
+            if attribute.HasField("t"):
+                yield from _tensor(attribute.t, where)
+
+
+def _tensor(tensor: TensorProto, where: str) -> Iterator[str]:
+    dims = [int(d) for d in tensor.dims]
+    if tensor.data_type == TensorProto.STRING:
+        return
+    if tensor.data_type not in TensorProto.DataType.values() or tensor.data_type in NO_NUMBERS:
+        yield f"{where} is of the unknown type {tensor.data_type}"
+        return
+    if min(dims, default=0) < 0:
+        yield f"{where} has the sizes {dims}"
+        return
+    count = math.prod(dims)
+    if tensor.HasField("raw_data"):
+        bits = PACKED.get(tensor.data_type) or 8 * helper.tensor_dtype_to_np_dtype(tensor.data_type).itemsize
+        wanted, found, unit = -(-count * bits // 8), len(tensor.raw_data), "bytes"
+    else:
+        field = helper.tensor_dtype_to_field(tensor.data_type)
+        per = 8 // PACKED[tensor.data_type] if tensor.data_type in PACKED else 1
+        pairs = 2 if tensor.data_type in (TensorProto.COMPLEX64, TensorProto.COMPLEX128) else 1
+        wanted, found, unit = -(-count // per) * pairs, len(getattr(tensor, field)), "values"
+    if wanted != found:
+        yield f"{where} of {'x'.join(map(str, dims)) or 'one value'} needs {wanted} {unit} and has {found}"
+
+
+def _names(graph: onnx.GraphProto, outside: set[str], where: str) -> Iterator[str]:
+    """Values that nobody makes, and those that two nodes make; `outside` are the values around a body."""
+    inputs = [value.name for value in graph.input]
+    stored = {tensor.name for tensor in graph.initializer}
+    given, made = set(inputs) | stored, set[str]()
+    if "" in inputs:
+        yield f"an input{where} has no name"
+    if len(set(inputs)) != len(inputs):
+        yield f"two inputs{where} have the same name, {shown(next(n for n in inputs if inputs.count(n) > 1))}"
+    for node in graph.node:
+        for name in filter(None, node.output):
+            if name in made:
+                yield f"two nodes{where} make the value {shown(name)}"
+            if name in given:
+                yield f"node {title(node)}{where} makes {shown(name)}, which is an input or a constant already"
+            made.add(name)
+    known = outside | given | made
+    for node in graph.node:
+        for name in filter(None, [*node.input, *captured(node)]):
+            if name not in known:
+                yield f"node {title(node)}{where} reads {shown(name)}, which nothing makes"
+        for body in bodies(node):
+            yield from _names(body, known, f" in the body of {title(node)}")
+    for value in graph.output:
+        if value.name not in known:
+            yield f"nothing makes the output {shown(value.name)}{where}"
+
+
+def title(node: onnx.NodeProto) -> str:
+    """What a message calls a node: its name, else its first output's, else its op."""
+    return shown(node.name or next(iter(node.output), "") or node.op_type)
+
+
+def shown(name: str) -> str:
+    """A name for a message: quoted, on one line, of bounded length."""
+    return repr(name if len(name) <= SHOWN else f"{name[:SHOWN]}...")
