@@ -34,6 +34,8 @@ SAME_MAP = 5e-3
 # Of max |g|, float32's gradient against float64's: the median and 99 % of the pixels.  Where a ReLU switches
 # between the two, g differs over its whole receptive field, which for a deep layer is the image.
 ROUNDING, SWITCHED = 1e-2, 0.2
+TINY = 1e-8  # of the image's standard deviation: a step that float32 would drown
+BENT = 1e-2  # of a change over two such steps: what it may differ from twice the first by
 CONSTANT, HARDLY = 1e-9, 1e-3  # of ||F||^2, see `require_dependence`
 
 
@@ -191,12 +193,26 @@ def _arithmetic(
     try:
         in_float64 = float64_forward(forward, image.name, layer)
         exactly = float64_forward(gradient, its_image, GRADIENT)
-        exactly(x)
         found, wanted = in_float64(x), in_float32(x)
+        exact = all(computes_in_double(function, x) for function in (in_float64, exactly))
     except Exception:  # the evaluator raises whatever its numpy code does, on ops that it takes otherwise
         return lower
     same = found.shape == wanted.shape and np.abs(found - wanted).max() <= SAME_FORWARD * np.abs(wanted).max()
-    return (in_float64, exactly, FLOAT64) if same else lower
+    return (in_float64, exactly, FLOAT64) if same and exact else lower
+
+
+def computes_in_double(function: Forward, x: Array64) -> bool:
+    """Whether every step of `function` has float64's digits: of the evaluator's ops some go through float32.
+
+    Twice as far along a tiny step it changes twice as much.  Rounding to float32 between would change it by 6e-8 of
+    itself at each step, or by nothing.  A kink on the way changes few values, and an op that is constant none.
+    """
+    v = np.random.default_rng(1).standard_normal(x.shape)
+    v *= TINY * (float(x.std()) or 1.0)
+    here, near, far = function(x), function(x + v), function(x + 2 * v)
+    moved, bent = np.abs(far - here), np.abs(far - 2 * near + here)
+    some = moved > 0
+    return not some.any() or bool(np.median(bent[some]) <= BENT * np.median(moved[some]))
 
 
 def require(agreement: Agreement) -> None:

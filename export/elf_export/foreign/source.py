@@ -118,7 +118,8 @@ def in_floats(model: onnx.ModelProto) -> tuple[onnx.ModelProto, tuple[str, ...]]
         return model, ()
     return model, (
         f"the model is quantised: {quantizers} QuantizeLinear and DequantizeLinear were taken out, since what is "
-        "rounded has no gradient.  Its weights keep their values of few bits; --precision int8 makes the new file an 8-bit one",
+        "rounded has no gradient.  Its weights keep their values of few bits; --precision int8 makes the new file an "
+        "8-bit one",
     )
 
 
