@@ -49,6 +49,7 @@ def _loaded(file: Path) -> onnx.ModelProto:
     if not model.graph.node:
         raise ExportError(f"{name}: not an ONNX model, or one without nodes")
     _load_external_data(model, file)
+    _standard_domain(model)
     require_well_formed(model, name)
     if model.functions:
         model = inliner.inline_local_functions(model)
@@ -58,6 +59,15 @@ def _loaded(file: Path) -> onnx.ModelProto:
     del model.graph.input[:]
     model.graph.input.extend(inputs)
     return standard_ops(sort_nodes(model))
+
+
+def _standard_domain(model: onnx.ModelProto) -> None:
+    """Call the standard domain by its short name, as onnx's tools look for it."""
+    nodes = [node for graph in nested_graphs(model.graph) for node in graph.node]
+    nodes += [node for function in model.functions for node in function.node]
+    for named in (*nodes, *model.opset_import, *(entry for f in model.functions for entry in f.opset_import)):
+        if named.domain == "ai.onnx":
+            named.domain = ""
 
 
 def _load_external_data(model: onnx.ModelProto, file: Path) -> None:

@@ -10,10 +10,12 @@ from onnx import TensorProto, helper
 
 from elf_export.errors import ExportError
 from elf_export.graph import bodies, captured, nested_graphs
+from elf_runtime.errors import first_line
 
 MOST_NODES = 200_000  # of a model whose local functions are written out
 SHOWN = 80  # characters of a name in a message
 NO_NUMBERS = (TensorProto.UNDEFINED, TensorProto.STRING)
+REQUIRED = onnx.defs.OpSchema.FormalParameterOption.Single
 PACKED = {  # bits of an element, where it is no whole number of bytes
     getattr(TensorProto, name, -1): bits
     for name, bits in (("INT4", 4), ("UINT4", 4), ("FLOAT4E2M1", 4), ("INT2", 2), ("UINT2", 2))
@@ -23,8 +25,8 @@ PACKED = {  # bits of an element, where it is no whole number of bytes
 def require_well_formed(model: onnx.ModelProto, file: str) -> None:
     """Raise ExportError about the first thing that makes `model` no valid ONNX model.
 
-    What is checked is what everything behind relies on; a node with a wrong attribute is refused by ONNX Runtime, which
-    runs the model first.
+    What is checked is what everything behind relies on; maps that do not fit together are found by ONNX Runtime, which
+    runs the model before anything is made of it.
     """
     fault = next(_faults(model), None)
     if fault is not None:
@@ -37,6 +39,9 @@ def _faults(model: onnx.ModelProto) -> Iterator[str]:
     for graph in nested_graphs(model.graph):
         yield from _tensors(graph)
     yield from _names(model.graph, set(), "")
+    yield from _nodes(model)
+    if not model.graph.output:
+        yield "it has no output"
     for value in model.graph.input:
         kind = value.type.WhichOneof("value")
         if kind == "tensor_type" and value.type.tensor_type.elem_type not in TensorProto.DataType.values():
@@ -46,22 +51,21 @@ def _faults(model: onnx.ModelProto) -> Iterator[str]:
 def _domains(model: onnx.ModelProto) -> Iterator[str]:
     stated: dict[str, int] = {}
     for entry in model.opset_import:
-        domain = "" if entry.domain == "ai.onnx" else entry.domain
-        if stated.setdefault(domain, entry.version) != entry.version:
-            yield f"it names two versions of the opset {shown(domain)}: {stated[domain]} and {entry.version}"
+        if stated.setdefault(entry.domain, entry.version) != entry.version:
+            versions = f"{stated[entry.domain]} and {entry.version}"
+            yield f"it names two versions of the opset {shown(entry.domain)}: {versions}"
     if "" not in stated:
         yield "it names no opset of standard ONNX (opset_import); set the one that it was written in"
     elif stated[""] < 1:
         yield f"it names opset {stated['']}, and there is none below 1"
     for graph in nested_graphs(model.graph):
         for node in graph.node:
-            domain = "" if node.domain == "ai.onnx" else node.domain
             if not node.op_type:
                 yield f"node {title(node)} names no op"
-            elif domain not in stated:
+            elif node.domain not in stated:
                 yield (
-                    f"node {title(node)} is a {shown(node.op_type)} of the domain {shown(domain)}, for which it names "
-                    "no opset (opset_import)"
+                    f"node {title(node)} is a {shown(node.op_type)} of the domain {shown(node.domain)}, for which it "
+                    "names no opset (opset_import)"
                 )
 
 
@@ -128,6 +132,32 @@ def _tensor(tensor: TensorProto, where: str) -> Iterator[str]:
         wanted, found, unit = -(-count // per) * pairs, len(getattr(tensor, field)), "values"
     if wanted != found:
         yield f"{where} of {'x'.join(map(str, dims)) or 'one value'} needs {wanted} {unit} and has {found}"
+
+
+def _nodes(model: onnx.ModelProto) -> Iterator[str]:
+    """Nodes of ops that this onnx knows whose inputs, outputs or attributes are not those of the op."""
+    versions = {entry.domain: entry.version for entry in model.opset_import}
+    context = onnx.checker.C.CheckerContext()
+    context.ir_version, context.opset_imports = max(model.ir_version, 3), versions
+    for graph in nested_graphs(model.graph):
+        for node in graph.node:
+            try:
+                schema = onnx.defs.get_schema(node.op_type, versions[node.domain], node.domain)
+            except onnx.defs.SchemaError:  # of another domain or a later opset: whoever runs it judges
+                continue
+            what = f"node {title(node)}, a {node.op_type},"
+            for i, formal in enumerate(schema.inputs):
+                if formal.option == REQUIRED and not "".join(node.input[i : i + 1]):
+                    yield f"{what} lacks its input {formal.name}"
+            if not (schema.min_input <= len(node.input) <= schema.max_input):
+                yield f"{what} has {len(node.input)} inputs"
+            if not (schema.min_output <= len(node.output) <= schema.max_output):
+                yield f"{what} has {len(node.output)} outputs"
+            if not bodies(node):  # which read what the checker would have to be told
+                try:
+                    onnx.checker.check_node(node, context)
+                except onnx.checker.ValidationError as error:
+                    yield f"{what} is none: {first_line(error)}"
 
 
 def _names(graph: onnx.GraphProto, outside: set[str], where: str) -> Iterator[str]:
