@@ -20,7 +20,7 @@ from elf_runtime.files import unwritable, write_atomically
 from elf_runtime.session import open_session
 
 from . import verify
-from .cost import macs_per_pixel, parameters
+from .cost import PROBE, macs_per_pixel, parameters
 from .errors import ExportError
 from .passes import OPSETS
 from .receptive_field import Field
@@ -107,13 +107,13 @@ def descriptor_specs(
     )
 
 
-def cost_of(model: onnx.ModelProto, descriptors: Sequence[str]) -> dict[str, float]:
-    """Parameters, and multiply-adds per pixel of the saliency alone and of all outputs together."""
+def cost_of(model: onnx.ModelProto, descriptors: Sequence[str], size: int = PROBE) -> dict[str, float]:
+    """Parameters, and multiply-adds per pixel of the saliency alone and of all outputs together, at `size` pixels."""
     outputs = [SALIENCY, *(descriptor_output(name) for name in descriptors)]
     return {
         "params": parameters(model),
-        "saliency_macs_per_pixel": macs_per_pixel(model, [SALIENCY]),
-        "descriptors_macs_per_pixel": macs_per_pixel(model, outputs),
+        "saliency_macs_per_pixel": macs_per_pixel(model, [SALIENCY], size),
+        "descriptors_macs_per_pixel": macs_per_pixel(model, outputs, size),
     }
 
 

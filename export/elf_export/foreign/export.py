@@ -116,7 +116,7 @@ def export_onnx(
             )
         saliency = build_saliency(
             source.model, name, described, source.image.name, settings, channels_last=precision == "int8",
-            min_size=source.sizes.min_size,
+            min_size=source.sizes.min_size, size=source.sizes.usual,
         )  # fmt: skip
         source = replace(source, sizes=sizes_of(
             saliency, source.sizes, settings.channels, largest_stride(source.model, source.image)
@@ -168,7 +168,7 @@ def export_onnx(
             preprocessing=settings.describe(),
             weights=WeightsSpec(file.name, hashlib.sha256(file.read_bytes()).hexdigest(), ""),
             parity=differences.parity(agreement) | map_parity(map_checks),
-            cost=cost_of(saliency, described),
+            cost=cost_of(saliency, described, sizes.usual),
             versions=versions(opset_of(saliency)),
             command=shlex.join([*arguments, *settings.arguments()]),
         )

@@ -27,6 +27,7 @@ MULTIPLES = (
 )
 LEAST = (32, 48, 64, 96, 128, 224)
 PROBE = (96, 128)  # about so many pixels of height and width
+USUAL = 512  # pixels
 RUN = (8, 64)  # fewest and most sizes in a row that are tried
 SAME = 1e-3  # of the largest value: what two kernels of one network may differ by in float32
 
@@ -57,6 +58,11 @@ class Sizes:
         """The size that the network takes next to a wanted one; an odd multiple stays odd."""
         h, w = (max(round(v / self.multiple), 1) * self.multiple for v in (height, width))
         return self.height or max(h, self.min_size), self.width or max(w, self.min_size)
+
+    @property
+    def usual(self) -> int:
+        """A free height and width of the order of photographs."""
+        return replace(self, height=0, width=0).near(USUAL, USUAL)[0]
 
     def describe(self) -> str:
         """In words, for the log."""

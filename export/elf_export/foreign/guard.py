@@ -6,6 +6,8 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import onnx
+
 from elf_export.errors import ExportError
 from elf_runtime.errors import ElfError, first_line
 
@@ -26,6 +28,8 @@ def only_export_errors(file: str | os.PathLike[str]) -> Iterator[None]:
         raise ExportError(f"{name}: {first_line(error)}") from error
     except MemoryError as error:
         raise ExportError(f"{name}: there is not enough memory for this model") from error
+    except onnx.shape_inference.InferenceError as error:
+        raise ExportError(f"{name}: its types or sizes are at odds: {first_line(error)}") from error
     except RecursionError as error:
         raise ExportError(f"{name}: its graphs are nested too deeply") from error
     except Exception as error:  # onnxruntime's own exceptions share no base of theirs

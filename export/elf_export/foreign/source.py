@@ -14,7 +14,7 @@ from elf_export.cost import sizes_where_known
 from elf_export.errors import ExportError, LayerError
 from elf_export.graph import Graph
 from elf_export.passes import convert_opset, cut, fold_constants, opset_of, single_precision, without_rounding
-from elf_export.receptive_field import Field, measured, receptive_fields
+from elf_export.receptive_field import WORKING_SIZE, Field, measured, receptive_fields
 
 from .free_sizes import Sizes, free_sizes, with_sizes
 from .image_input import ImageInput, find_image_input
@@ -143,7 +143,7 @@ def largest_stride(model: onnx.ModelProto, image: ImageInput) -> float:
 
 def layer_fields(source: Source, layers: Sequence[str]) -> dict[str, Field]:
     """The geometry of all values, that of maps among `layers` held against the sizes that they have, as `measured`."""
-    fields = receptive_fields(source.model, source.image.name)
+    fields = receptive_fields(source.model, source.image.name, source.sizes.near(*WORKING_SIZE))
     height, width = source.sizes.near(*MEASURED_AT)
     graph = Graph(with_sizes(source.model, source.image, Sizes(height, width, 1)))
     sizes = sizes_where_known(graph)

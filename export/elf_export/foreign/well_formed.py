@@ -14,7 +14,7 @@ from elf_runtime.errors import first_line
 
 MOST_NODES = 200_000  # of a model whose local functions are written out
 SHOWN = 80  # characters of a name in a message
-NO_NUMBERS = (TensorProto.UNDEFINED, TensorProto.STRING)
+KERNELS = frozenset({"Conv", "ConvTranspose"})
 REQUIRED = onnx.defs.OpSchema.FormalParameterOption.Single
 PACKED = {  # bits of an element, where it is no whole number of bytes
     getattr(TensorProto, name, -1): bits
@@ -113,16 +113,14 @@ def _tensors(graph: onnx.GraphProto) -> Iterator[str]:
 
 def _tensor(tensor: TensorProto, where: str) -> Iterator[str]:
     dims = [int(d) for d in tensor.dims]
-    if tensor.data_type == TensorProto.STRING:
-        return
-    if tensor.data_type not in TensorProto.DataType.values() or tensor.data_type in NO_NUMBERS:
+    if tensor.data_type not in TensorProto.DataType.values() or tensor.data_type == TensorProto.UNDEFINED:
         yield f"{where} is of the unknown type {tensor.data_type}"
         return
     if min(dims, default=0) < 0:
         yield f"{where} has the sizes {dims}"
         return
     count = math.prod(dims)
-    if tensor.HasField("raw_data"):
+    if tensor.HasField("raw_data") and tensor.data_type != TensorProto.STRING:
         bits = PACKED.get(tensor.data_type) or 8 * helper.tensor_dtype_to_np_dtype(tensor.data_type).itemsize
         wanted, found, unit = -(-count * bits // 8), len(tensor.raw_data), "bytes"
     else:
@@ -140,6 +138,7 @@ def _nodes(model: onnx.ModelProto) -> Iterator[str]:
     context = onnx.checker.C.CheckerContext()
     context.ir_version, context.opset_imports = max(model.ir_version, 3), versions
     for graph in nested_graphs(model.graph):
+        ranks = {tensor.name: len(tensor.dims) for tensor in graph.initializer}
         for node in graph.node:
             try:
                 schema = onnx.defs.get_schema(node.op_type, versions[node.domain], node.domain)
@@ -153,6 +152,8 @@ def _nodes(model: onnx.ModelProto) -> Iterator[str]:
                 yield f"{what} has {len(node.input)} inputs"
             if not (schema.min_output <= len(node.output) <= schema.max_output):
                 yield f"{what} has {len(node.output)} outputs"
+            if node.op_type in KERNELS and ranks.get(node.input[1], 3) < 3:
+                yield f"{what} has a kernel of {ranks[node.input[1]]} axes"
             if not bodies(node):  # which read what the checker would have to be told
                 try:
                     onnx.checker.check_node(node, context)
