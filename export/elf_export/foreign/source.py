@@ -9,11 +9,13 @@ import numpy as np
 import onnx
 
 from elf_export.adjoint import opset_wanted
+from elf_export.adjoint.engine import QUANTISED
 from elf_export.axes import axes_of
 from elf_export.cost import sizes_where_known
 from elf_export.errors import ExportError, LayerError
-from elf_export.graph import Graph
+from elf_export.graph import Graph, captured
 from elf_export.passes import convert_opset, cut, fold_constants, opset_of, single_precision, without_rounding
+from elf_export.passes.without_rounding import QUANTIZERS
 from elf_export.receptive_field import WORKING_SIZE, Field, measured, receptive_fields
 
 from .free_sizes import Sizes, free_sizes, with_sizes
@@ -84,6 +86,7 @@ def prepare(
         trunk = convert_opset(trunk, opset)
     trunk, more = in_floats(trunk)
     require_floats(trunk, names)
+    require_no_rounding(trunk, image)
     trunk, sizes = free_sizes(trunk, image, largest_stride(trunk, image))
     return Source(trunk, image, sizes, names, (*notes, *more))
 
@@ -133,6 +136,20 @@ def require_floats(model: onnx.ModelProto, layers: Sequence[str]) -> None:
                 f"{name!r} can be no layer: it holds {kind} values, and neither a gradient nor a descriptor is made of "
                 "those; choose one of floats (--list shows them)"
             )
+
+
+def require_no_rounding(model: onnx.ModelProto, image: ImageInput) -> None:
+    """Raise LayerError where the image goes through integer arithmetic that could not be taken out."""
+    reached = {image.name}
+    for node in model.graph.node:
+        if reached.intersection((*node.input, *captured(node))):
+            reached.update(node.output)
+            if node.op_type in QUANTISED or node.op_type in QUANTIZERS:
+                raise LayerError(
+                    f"the network is quantised in a way that can't be taken out: node {node.name or node.output[0]!r} "
+                    f"({node.op_type}) rounds, which has no gradient, and its scale is computed or its integers are "
+                    "calculated with; export the float network that it was made from"
+                )
 
 
 def largest_stride(model: onnx.ModelProto, image: ImageInput) -> float:

@@ -7,11 +7,13 @@ import onnx
 
 from elf_export.graph import Array, Graph, attributes
 
+from .cut import cut
+
 QUANTIZERS = frozenset({"QuantizeLinear", "DequantizeLinear"})
 # What only moves integers, or takes the largest: it does the same to the numbers that they stand for.
 MOVES = frozenset({
     "Identity", "Reshape", "Flatten", "Squeeze", "Unsqueeze", "Transpose", "Slice", "Concat", "Split", "Expand", "Tile",
-    "Gather", "MaxPool", "DepthToSpace", "SpaceToDepth",
+    "Gather", "MaxPool", "ReduceMax", "ReduceMin", "DepthToSpace", "SpaceToDepth", "Resize", "Upsample", "Pad",
 })  # fmt: skip
 
 Scale = tuple[Array, Array, int]  # scale, zero point and axis of a tensor of integers
@@ -40,8 +42,7 @@ def without_rounding(model: onnx.ModelProto) -> tuple[onnx.ModelProto, int]:
         elif node.op_type == "DequantizeLinear":
             replaced = _stand_for(graph, node, scales)
         else:
-            if not _moves(node, scales):
-                return model, 0
+            replaced = _moves(graph, node, scales)
             new.append(node)
         if not replaced:
             return model, 0
@@ -56,7 +57,7 @@ def without_rounding(model: onnx.ModelProto) -> tuple[onnx.ModelProto, int]:
     for output in result.graph.output:
         if output.name in scales:
             output.type.tensor_type.elem_type = onnx.TensorProto.FLOAT
-    return result, count
+    return cut(result, [output.name for output in result.graph.output]), count
 
 
 def _scale_of(graph: Graph, node: onnx.NodeProto, integers: str) -> Scale | None:
@@ -130,7 +131,7 @@ def _stand_for(graph: Graph, node: onnx.NodeProto, scales: dict[str, Scale]) -> 
     return True
 
 
-def _moves(node: onnx.NodeProto, scales: dict[str, Scale]) -> bool:
+def _moves(graph: Graph, node: onnx.NodeProto, scales: dict[str, Scale]) -> bool:
     """Whether a node leaves the integers among its inputs what they stand for; notes what its outputs stand for."""
     integers = [name for name in node.input if name in scales]
     if not integers:
@@ -140,6 +141,15 @@ def _moves(node: onnx.NodeProto, scales: dict[str, Scale]) -> bool:
     alike = all(name in scales and _same(scales[name], first) for name in data)
     if node.op_type not in MOVES or not alike or first[0].size > 1:
         return False
+    if node.op_type == "Pad" and attributes(node).get("mode", "constant") == "constant":
+        stated = node.input[2] if len(node.input) > 2 else ""
+        fill = graph.constant(stated) if stated else np.zeros(())
+        if fill is None:
+            return False
+        real = (fill.astype(np.float64) - first[1].astype(np.float64).reshape(())) * first[0].reshape(())
+        rest = list(node.input[3:])
+        del node.input[2:]
+        node.input.extend([graph.const(real.reshape(()), f"{node.name or node.output[0]}/fill", np.float32), *rest])
     scales.update((name, first) for name in node.output if name)
     return True
 
