@@ -24,6 +24,7 @@ from .passes import (
     fold_constants,
     rename_values,
     share_row_maxima,
+    standard_ops,
 )
 from .preprocessing import Preprocessing, prepend
 
@@ -148,7 +149,7 @@ def _differentiated(
     """
     wanted = list(dict.fromkeys([layer, *descriptors]))
     try:
-        trunk = cut(model, wanted)
+        trunk = standard_ops(cut(model, wanted))
     except KeyError as error:
         raise LayerError(f"the model has no value {error.args[0]!r}") from None
     names = _other_names(trunk, ours)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from . import (  # noqa: F401  (importing them registers their rules)
     activation,
     conv,
+    einsum,
     elementwise,
     matmul,
     normalization,
