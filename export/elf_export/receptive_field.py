@@ -16,7 +16,8 @@ from .layout import image_layout
 
 WORKING_SIZE = (480, 640)  # the paper's, height and width
 GLOBAL = frozenset({
-    "GlobalAveragePool", "GlobalMaxPool", "GlobalLpPool", "MatMul", "Gemm", "Einsum", "CumSum", "Softmax", "LSTM", "GRU",
+    "GlobalAveragePool", "GlobalMaxPool", "GlobalLpPool", "MatMul", "Gemm", "Einsum", "CumSum", "Softmax", "LSTM",
+    "GRU",
 })  # fmt: skip
 
 
