@@ -138,11 +138,12 @@ def neck(opset: int) -> onnx.ModelProto:
         helper.make_node("Conv", ["x", "w1"], ["a"], name="a", pads=[1] * 4, strides=[2, 2]),
         helper.make_node("Conv", ["a", "w2"], ["b"], name="b", pads=[1] * 4, strides=[2, 2]),
         helper.make_node("Shape", ["a"], ["size"], name="size"),
-        helper.make_node("Resize", ["b", "", "", "size"], ["large"], name="large", mode="nearest",
+        helper.make_node("Resize", ["b", "none", "none", "size"], ["large"], name="large", mode="nearest",
                          coordinate_transformation_mode="asymmetric", nearest_mode="floor"),
         helper.make_node("Add", ["a", "large"], ["y"], name="y"),
     ]  # fmt: skip
     tensors = {"w1": small.weights(6, 3, 3, 3), "w2": small.weights(6, 6, 3, 3, seed=1)}
+    tensors["none"] = np.zeros(0, np.float32)
     return small.model(nodes, tensors, ("N", 3, "H", "W"), "y", opset)
 
 
