@@ -11,6 +11,7 @@ import onnx
 from .adjoint import unsupported_behind
 from .axes import axes_of
 from .cost import counted_values, fix_sizes, node_macs, sizes_where_known
+from .errors import printable
 from .forward import NETWORK_INPUT, torch_to_onnx
 from .graph import Graph
 from .layout import image_layout
@@ -60,13 +61,13 @@ def layer_table(
     shown = list(layers) if layers is not None else _candidates(graph, axes, sizes)
     macs = _forward_macs(graph, shown, sizes)
     most = max((cost for cost in macs.values() if math.isfinite(cost)), default=0.0) or 1.0
-    widest = max([len("layer"), *(len(layer) for layer in shown)])
+    widest = max([len("layer"), *(len(printable(layer)) for layer in shown)])
     rows = [
         f"shapes and arithmetic at {width}x{height} pixels",
         f"{'layer':<{widest}}  {'op':<18}{'channels':>9}{'map':>10}{'stride':>8}{'receptive field':>17}"
         f"{'forward arithmetic':>20}",
     ]
-    ops = {name: node.op_type for node in graph.nodes for name in node.output}
+    ops = {name: printable(node.op_type) for node in graph.nodes for name in node.output}
     for layer in shown:
         field, known = own_fields[layer], _sizes(layer, axes, sizes)
         if fields is not None and layer in fields:
@@ -77,7 +78,7 @@ def layer_table(
         channels, across, down = (known.get(axis, "?") for axis in "CWH")
         share = f"{macs[layer] / most:.1%}" if math.isfinite(macs[layer]) else "?"
         row = (
-            f"{layer:<{widest}}  {ops[layer]:<18}{channels:>9}{f'{across}x{down}':>10}{field.stride:>8.4g}{seen:>17}"
+            f"{printable(layer):<{widest}}  {ops[layer]:<18}{channels:>9}{f'{across}x{down}':>10}{field.stride:>8.4g}{seen:>17}"
             f"{share:>20}"
         )
         kind = graph.dtype(layer)

@@ -152,6 +152,30 @@ def test_text_that_is_no_utf_8_in_an_attribute(tmp_path: Path, capsys: pytest.Ca
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.parametrize("name", ["relu1", "pads", "Relu", "w1", "block/relu1"])
+def test_a_name_that_is_no_utf_8(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    data = small.nchw().SerializeToString().replace(name.encode(), name[:-1].encode() + b"\xff")
+    (tmp_path / "bad.onnx").write_bytes(data)
+    assert main(["--onnx", str(tmp_path / "bad.onnx"), "--list"]) == 1
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "is not UTF-8 text" in said
+
+
+def test_a_terminal_s_escapes_are_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from elf_export.passes import rename_values
+
+    name = "\x1b[31mred\r"
+    onnx.save(rename_values(small.nchw(), {"pool1": name}), tmp_path / "model.onnx")
+    assert main(["--onnx", str(tmp_path / "model.onnx"), "--list"]) == 0
+    words = ["--layer", name, "--desc", "none", "-o", str(tmp_path / "elf.onnx")]
+    assert main(["--onnx", str(tmp_path / "model.onnx"), *words]) == 0
+    said = capsys.readouterr().out
+    assert "\x1b" not in said
+    assert "\r" not in said
+    assert said.count(r"\x1b[31mred\r") == 2
+
+
 @pytest.mark.parametrize("op", ["ConstantOfShape", "Expand", "Tile", "Range"])
 def test_a_constant_beyond_memory_is_not_folded(op: str) -> None:
     """40 GB of zeros, written in two numbers."""

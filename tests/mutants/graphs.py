@@ -33,6 +33,9 @@ def mutants(model: onnx.ModelProto, seed: int) -> Iterator[tuple[str, bytes]]:
         try:
             what = change(copy, rng)
             data = copy.SerializeToString()
+            if number % 25 == 24:
+                name = rng.choice([n for n in _names(model.graph) if len(n) > 1]).encode()
+                what, data = f"{name!r} is no UTF-8 text", model.SerializeToString().replace(name, name[:-1] + b"\xff")
         except (ValueError, TypeError):  # a number that its field does not hold
             continue
         if what:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import onnx
 
-from elf_export.errors import ExportError
+from elf_export.errors import ExportError, printable
 from elf_runtime.errors import ElfError, first_line
 
 
@@ -41,5 +41,4 @@ def only_export_errors(file: str | os.PathLike[str]) -> Iterator[None]:
 
 def shown_path(file: str | os.PathLike[str]) -> str:
     """A path for a message, on one line whatever its name holds."""
-    text = os.fspath(file)
-    return text if text.isprintable() else repr(text)
+    return printable(os.fspath(file))

@@ -35,6 +35,7 @@ def require_well_formed(model: onnx.ModelProto, file: str) -> None:
 
 
 def _faults(model: onnx.ModelProto) -> Iterator[str]:
+    yield from _texts(model)
     yield from _domains(model)
     yield from _functions(model)
     for graph in nested_graphs(model.graph):
@@ -47,6 +48,25 @@ def _faults(model: onnx.ModelProto) -> Iterator[str]:
         kind = value.type.WhichOneof("value")
         if kind == "tensor_type" and value.type.tensor_type.elem_type not in TensorProto.DataType.values():
             yield f"its input {shown(value.name)} has the unknown type {value.type.tensor_type.elem_type}"
+
+
+def _texts(model: onnx.ModelProto) -> Iterator[str]:
+    """Names that are no text: protobuf gives their bytes, or raises."""
+    try:
+        names: list[object] = [entry.domain for entry in model.opset_import]
+        for graph in nested_graphs(model.graph):
+            names += [value.name for value in (*graph.input, *graph.output, *graph.initializer)]
+            names += [d.dim_param for v in graph.input for d in v.type.tensor_type.shape.dim]
+            for node in graph.node:
+                names += [node.name, node.op_type, node.domain, *node.input, *node.output]
+                names += [attribute.name for attribute in node.attribute]
+        for function in model.functions:
+            names += [function.name, function.domain]
+    except UnicodeDecodeError as error:
+        names = [bytes(error.object)]
+    for name in names:
+        if isinstance(name, bytes):
+            yield f"the name {name[:SHOWN]!r} in it is not UTF-8 text"
 
 
 def _domains(model: onnx.ModelProto) -> Iterator[str]:
