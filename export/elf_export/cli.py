@@ -67,7 +67,8 @@ def _export(args: argparse.Namespace) -> None:
         )  # fmt: skip
     size, contract = result.path.stat().st_size / 1e6, result.contract
     described = ", ".join(d.layer for d in contract.descriptors) or "none"
-    print(printable(f"wrote {result.path} ({size:.1f} MB): {contract.network} {contract.layer}, descriptors {described}"))
+    made = f"{contract.network} {contract.layer}, descriptors {described}"
+    print(printable(f"wrote {result.path} ({size:.1f} MB): {made}"))
 
 
 def _list(args: argparse.Namespace) -> None:

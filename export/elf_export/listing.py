@@ -78,8 +78,8 @@ def layer_table(
         channels, across, down = (known.get(axis, "?") for axis in "CWH")
         share = f"{macs[layer] / most:.1%}" if math.isfinite(macs[layer]) else "?"
         row = (
-            f"{printable(layer):<{widest}}  {ops[layer]:<18}{channels:>9}{f'{across}x{down}':>10}{field.stride:>8.4g}{seen:>17}"
-            f"{share:>20}"
+            f"{printable(layer):<{widest}}  {ops[layer]:<18}{channels:>9}{f'{across}x{down}':>10}{field.stride:>8.4g}"
+            f"{seen:>17}{share:>20}"
         )
         kind = graph.dtype(layer)
         if kind.kind != "f":

@@ -8,7 +8,7 @@ import numpy as np
 import onnx
 import pytest
 
-from elf_export import export_onnx
+from elf_export import ExportError, export_onnx
 from elf_export.cli import main
 from elf_runtime import ElfRuntime
 from export import small_models as small
@@ -86,3 +86,23 @@ def test_a_small_size_that_the_file_states_hides_no_stride(tmp_path: Path, capsy
     row = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("y "))
     contract = export_onnx(path, "y", ["y"], tmp_path / "elf.onnx").contract
     assert float(row.split()[4]) == contract.stride == contract.descriptors[0].stride == 8
+
+
+def test_a_table_of_positions_bounds_the_sizes(tmp_path: Path) -> None:
+    """Cells beyond the 64 x 64 of a learned table have no position: refused free, exported at the size of the file."""
+    body = """embedded = Conv(x, w)  sizes = Shape(embedded)  h = Slice(sizes, two, four)
+              part = Slice(table, start, h, axes)  y = Add(embedded, part)"""
+    tensors = {
+        "w": small.weights(4, 3, 4, 4), "table": small.weights(1, 4, 64, 64, seed=1), "two": np.array([2]),
+        "four": np.array([4]), "start": np.array([0, 0]), "axes": np.array([2, 3]),
+    }  # fmt: skip
+
+    def model(size: tuple[int | str, ...]) -> onnx.ModelProto:
+        result = small.written(body, tensors, size)
+        result.graph.node[0].attribute.append(onnx.helper.make_attribute("strides", [4, 4]))
+        return result
+
+    with pytest.raises(ExportError, match=r"at no size that was tried: .* \(at (32x2048|2048x32) pixels\)"):
+        export_onnx(saved(model(("N", 3, "H", "W")), tmp_path), "y", [], tmp_path / "elf.onnx")
+    spec = export_onnx(saved(model((1, 3, 96, 128)), tmp_path), "y", [], tmp_path / "elf.onnx").contract.input
+    assert (spec.height, spec.width) == (96, 128)

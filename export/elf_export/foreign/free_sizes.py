@@ -28,6 +28,7 @@ MULTIPLES = (
 LEAST = (32, 48, 64, 96, 128, 224)
 PROBE = (96, 128)  # about so many pixels of height and width
 USUAL = 512  # pixels
+LONG = 2048  # pixels
 RUN = (8, 64)  # fewest and most sizes in a row that are tried
 SAME = 1e-3  # of the largest value: what two kernels of one network may differ by in float32
 
@@ -216,9 +217,10 @@ def first_that_holds(runner: Runner, sizes: Sizes, stride: float) -> Sizes | str
     reason = ""
     for least in dict.fromkeys(-(-size // sizes.multiple) * sizes.multiple for size in LEAST):
         if least >= sizes.min_size:
-            reason = _breaks_at(runner, replace(sizes, min_size=least), stride)
-            if not reason:
+            breaks = _breaks_at(runner, replace(sizes, min_size=least), stride)
+            if not breaks:
                 return replace(sizes, min_size=least)
+            reason = reason or breaks
             if sizes.height and sizes.width:
                 break
     return reason
@@ -228,7 +230,8 @@ def _breaks_at(runner: Runner, sizes: Sizes, stride: float) -> str:
     """Why some image of at least ``sizes.min_size`` breaks the model, empty if none does.
 
     A pool rounds a size down and a window wants whole cells, by the size modulo the network's stride: all the multiples
-    in one such period are tried as heights and, in the other order, as widths, and some of twice the size.
+    in one such period are tried as heights and, in the other order, as widths, some of twice the size, and images as
+    high and as wide as photographs, but narrow: a table of positions ends somewhere.
     """
     if sizes.height and sizes.width:
         return _stops(runner, sizes, sizes.height, sizes.width)
@@ -237,7 +240,9 @@ def _breaks_at(runner: Runner, sizes: Sizes, stride: float) -> str:
     count = min(max(period, RUN[0]), RUN[1])
     run = [least + i * step for i in range(count)]
     far = [-(-2 * least // step) * step + i * step for i in (0, 1, 3)]
-    for height, width in (*zip(run[::-1], run, strict=True), *zip(far, far[::-1], strict=True)):
+    long = LONG // step * step
+    shapes = [*zip(run[::-1], run, strict=True), *zip(far, far[::-1], strict=True), (long, least), (least, long)]
+    for height, width in shapes:
         reason = _stops(runner, sizes, sizes.height or height, sizes.width or width)
         if reason:
             return f"{reason} (at {width}x{height} pixels)"
