@@ -206,7 +206,7 @@ def _arithmetic(
         in_float64 = float64_forward(forward, image.name, layer)
         exactly = float64_forward(gradient, its_image, GRADIENT)
         found, wanted = in_float64(x), in_float32(x)
-        exact = all(computes_in_double(function, x) for function in (in_float64, exactly))
+        exact = computes_in_double(in_float64, x)
     except Exception:  # the evaluator raises whatever its numpy code does, on ops that it takes otherwise
         return lower
     same = found.shape == wanted.shape and np.abs(found - wanted).max() <= SAME_FORWARD * np.abs(wanted).max()
