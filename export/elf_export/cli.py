@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from .errors import ExportError
+from .errors import ExportError, printable
 from .options import check, layers_of, parser, preprocessing_of, reduction_of
 
 
@@ -28,7 +28,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         discard_stdout()
         return 1
     except ExportError as error:
-        print(f"elf-export: error: {error}", file=sys.stderr)
+        lines = [printable(line) for line in str(error).splitlines()]
+        print("\n".join(["elf-export: error: " + "".join(lines[:1]), *lines[1:]]), file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("\nelf-export: interrupted", file=sys.stderr)
@@ -69,9 +70,10 @@ def _export(args: argparse.Namespace) -> None:
             reduction=reduction_of(args), calibration=args.calibration, precision=args.precision,
             detection=dict(args.set),
         )  # fmt: skip
-    size = result.path.stat().st_size / 1e6
-    print(f"wrote {result.path} ({size:.1f} MB): {result.contract.network} {result.contract.layer}, descriptors "
-          f"{', '.join(d.layer for d in result.contract.descriptors) or 'none'}")  # fmt: skip
+    size, contract = result.path.stat().st_size / 1e6, result.contract
+    described = ", ".join(d.layer for d in contract.descriptors) or "none"
+    made = f"{contract.network} {contract.layer}, descriptors {described}"
+    print(printable(f"wrote {result.path} ({size:.1f} MB): {made}"))
 
 
 def _list(args: argparse.Namespace) -> None:

@@ -20,13 +20,13 @@ PROBE = 512  # pixels of height and width; divisible by every usual stride
 COUNTED = frozenset({"Conv", "ConvTranspose", "MatMul", "Gemm"})
 
 
-def macs_per_pixel(model: onnx.ModelProto, outputs: Sequence[str]) -> float:
+def macs_per_pixel(model: onnx.ModelProto, outputs: Sequence[str], size: int = PROBE) -> float:
     """Multiply-adds per image pixel that `outputs` need: Conv, ConvTranspose, Gemm and MatMul.
 
     Counted on one image of 512x512 pixels, or of the size that the model's (N, H, W, C) input fixes.
     """
     needed = cut(model, outputs)
-    height, width = fix_sizes(needed, needed.graph.input[0].name, "NHWC")
+    height, width = fix_sizes(needed, needed.graph.input[0].name, "NHWC", size)
     return sum(macs(Graph(needed))) / (height * width)
 
 

@@ -141,9 +141,10 @@ def _difference(forward: Forward, x: Array64, f: Array64, v: Array64, step: floa
 
 
 def grainy(height: int, width: int, channels: int, seed: int) -> Array:
-    """A picture without ties: (H, W, C) float32 in 0..255, waves and edges under a fine grain.
+    """A picture without ties: (H, W, C) float32 between 0 and 255, waves and edges under a fine grain.
 
-    Where two pixels of a pooling window are equal the derivative does not exist, and no two steps would agree.
+    Where two pixels of a pooling window are equal the derivative does not exist, and no two steps would agree; nor does
+    it at 0 and 255, where a network may cut its pixels off.
     """
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:height, :width]
@@ -154,4 +155,4 @@ def grainy(height: int, width: int, channels: int, seed: int) -> Array:
         picture += (np.sign(wave) if rng.random() < 0.5 else wave)[..., None] * rng.uniform(0.2, 1, channels)
     picture += 0.3 * rng.standard_normal(picture.shape)
     low, high = picture.min(), picture.max()
-    return np.asarray(255 * (picture - low) / (high - low), np.float32)
+    return np.asarray(1 + 253 * (picture - low) / (high - low), np.float32)

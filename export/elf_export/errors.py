@@ -44,3 +44,8 @@ class UnsupportedGraphError(ExportError):
             "Choose a layer before the first of them (--list shows the layers), or add a rule with "
             "elf_export.adjoint.adjoint."
         )
+
+
+def printable(text: str) -> str:
+    """`text` with an escape for each character that would move a terminal's cursor or change its colours."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)

@@ -139,6 +139,36 @@ class Erf(OpRun):
         return (np.vectorize(math.erf, otypes=[np.float64])(x),)
 
 
+class Gelu(OpRun):
+    """The evaluator's gives float32."""
+
+    op_domain = ""
+
+    def _run(self, x: Array, approximate: str = "none") -> tuple[Array]:
+        if approximate == "tanh":
+            curve = np.tanh(math.sqrt(2 / math.pi) * (x + 0.044715 * x**3))
+        else:
+            curve = np.vectorize(math.erf, otypes=[np.float64])(x * math.sqrt(0.5))
+        return (0.5 * x * (1 + curve),)
+
+
+class GroupNormalization(OpRun):
+    """The evaluator's gives float32, and has scale and bias for each group in opsets before 21."""
+
+    op_domain = ""
+
+    def _run(
+        self, x: Array, scale: Array, bias: Array, num_groups: int = 1, epsilon: float = 1e-5, **_: Any
+    ) -> tuple[Array]:
+        grouped = x.reshape(len(x), num_groups, -1)
+        centred = grouped - grouped.mean(-1, keepdims=True)
+        normal = centred / np.sqrt((centred**2).mean(-1, keepdims=True) + float(epsilon))
+        each = [-1, *[1] * (x.ndim - 2)]
+        if len(scale) == x.shape[1]:
+            return (normal.reshape(x.shape) * scale.reshape(each) + bias.reshape(each),)
+        return ((normal * scale[:, None] + bias[:, None]).reshape(x.shape),)
+
+
 class LRN(OpRun):
     """The evaluator's gives float32."""
 
@@ -153,4 +183,4 @@ class LRN(OpRun):
         return (x / (float(bias) + float(alpha) / size * total) ** float(beta),)
 
 
-STAND_INS = [Conv, MaxPool, BatchNormalization, Erf, LRN]
+STAND_INS = [Conv, MaxPool, BatchNormalization, Erf, Gelu, GroupNormalization, LRN]

@@ -36,8 +36,9 @@ class Graph:
         self._constants = {t.name: t for t in self.model.graph.initializer}
         self._arrays: dict[str, Array] = {}
         self._names = {n.name for n in self.model.graph.node}
-        self._names.update(v for n in self.model.graph.node for v in (*n.input, *n.output))
-        self._names.update(self._constants)
+        for graph in nested_graphs(self.model.graph):  # a body may not define a name of the graph around it
+            self._names.update(defined_in(graph))
+        self._names.update(v for n in self.model.graph.node for v in n.input)
         for node in self.model.graph.node:
             tensor = _constant_of(node) if node.op_type == "Constant" else None
             if tensor is not None:
@@ -61,10 +62,10 @@ class Graph:
         return {name: node for node in self.nodes for name in node.output if name}
 
     def consumers(self) -> dict[str, list[onnx.NodeProto]]:
-        """Value name -> the nodes that read it."""
+        """Value name -> the nodes that read it, be it from inside a body."""
         readers: dict[str, list[onnx.NodeProto]] = {}
         for node in self.nodes:
-            for name in node.input:
+            for name in (*node.input, *captured(node)):
                 readers.setdefault(name, []).append(node)
         return readers
 
@@ -229,18 +230,36 @@ def reduce_mean(graph: Graph, x: str, axis: int, name: str, keepdims: int, outpu
 def attributes(node: onnx.NodeProto) -> dict[str, Any]:
     """A node's attributes as Python values; text as str."""
     values = {a.name: helper.get_attribute_value(a) for a in node.attribute}
-    return {k: v.decode() if isinstance(v, bytes) else v for k, v in values.items()}
+    return {k: v.decode(errors="replace") if isinstance(v, bytes) else v for k, v in values.items()}
 
 
 def captured(node: onnx.NodeProto) -> list[str]:
-    """Names that a control-flow node's subgraphs may read from outside."""
+    """Names that a control-flow node's bodies read from outside; what a body defines itself is not among them."""
     names: list[str] = []
+    for body in bodies(node):
+        own = set(defined_in(body))
+        read = [value.name for value in body.output]
+        for inner in body.node:
+            read += [*inner.input, *captured(inner)]
+        names += [name for name in dict.fromkeys(read) if name and name not in own]
+    return names
+
+
+def bodies(node: onnx.NodeProto) -> list[onnx.GraphProto]:
+    """The graphs that a control-flow node runs."""
+    found = []
     for attribute in node.attribute:
-        for sub in (attribute.g, *attribute.graphs):
-            names.extend(value.name for value in sub.output)
-            for inner in sub.node:
-                names.extend(inner.input)
-                names.extend(captured(inner))
+        found += [attribute.g] if attribute.HasField("g") else []
+        found += attribute.graphs
+    return found
+
+
+def defined_in(graph: onnx.GraphProto) -> list[str]:
+    """The names of a graph's values: its inputs, its constants and what its nodes make; not those of its bodies."""
+    names = [value.name for value in graph.input]
+    names += [tensor.name for tensor in graph.initializer]
+    names += [tensor.values.name for tensor in graph.sparse_initializer]
+    names += [name for node in graph.node for name in node.output]
     return [name for name in names if name]
 
 
@@ -248,10 +267,8 @@ def nested_graphs(graph: onnx.GraphProto) -> Iterator[onnx.GraphProto]:
     """`graph` and the bodies of its control-flow nodes, outermost first."""
     yield graph
     for node in graph.node:
-        for attribute in node.attribute:
-            for body in (attribute.g, *attribute.graphs):
-                if body.node:
-                    yield from nested_graphs(body)
+        for body in bodies(node):
+            yield from nested_graphs(body)
 
 
 def _constant_of(node: onnx.NodeProto) -> onnx.TensorProto | None:

@@ -11,12 +11,13 @@ import onnx
 from .adjoint import unsupported_behind
 from .axes import axes_of
 from .cost import counted_values, fix_sizes, node_macs, sizes_where_known
+from .errors import printable
 from .forward import NETWORK_INPUT, torch_to_onnx
 from .graph import Graph
 from .layout import image_layout
 from .networks import Network
 from .passes import fold_constants
-from .receptive_field import measured, receptive_fields
+from .receptive_field import Field, measured, receptive_fields
 
 # What makes no layer of its own: helpers, and the parts that exporters write an activation in.
 NO_LAYERS = frozenset(
@@ -32,47 +33,68 @@ def network_table(network: Network) -> str:
     return layer_table(model, NETWORK_INPUT, network.layers)
 
 
-def layer_table(model: onnx.ModelProto, image: str, layers: Sequence[str] | None = None) -> str:
+def layer_table(
+    model: onnx.ModelProto,
+    image: str,
+    layers: Sequence[str] | None = None,
+    fields: Mapping[str, Field] | None = None,
+) -> str:
     """Shape, stride, receptive field and forward arithmetic (share of the deepest's) of each layer.
 
     Parameters
     ----------
     layers : names of values, optional
-        By default all maps of the image that a layer's node makes; those behind an op without an adjoint
-        are marked with it.
+        By default all maps of the image that a layer's node makes; those behind an op without an adjoint, and those
+        of other values than floats, are marked.
+    fields : optional
+        The layers' geometry, where it is known better than at the model's size.
     """
     fixed = onnx.ModelProto()
     fixed.CopyFrom(fold_constants(model))
     layout = image_layout(Graph(fixed), image)
     height, width = fix_sizes(fixed, image, layout)
     graph = Graph(fixed)
-    fields = receptive_fields(graph.model, image)
+    own_fields = receptive_fields(graph.model, image)
     sizes = sizes_where_known(graph)
     axes = axes_of(graph, image, layout, sizes)
     blocked = _blocked(graph, image)
     shown = list(layers) if layers is not None else _candidates(graph, axes, sizes)
     macs = _forward_macs(graph, shown, sizes)
     most = max((cost for cost in macs.values() if math.isfinite(cost)), default=0.0) or 1.0
-    widest = max([len("layer"), *(len(layer) for layer in shown)])
+    widest = max([len("layer"), *(len(printable(layer)) for layer in shown)])
     rows = [
         f"shapes and arithmetic at {width}x{height} pixels",
         f"{'layer':<{widest}}  {'op':<18}{'channels':>9}{'map':>10}{'stride':>8}{'receptive field':>17}"
         f"{'forward arithmetic':>20}",
     ]
-    ops = {name: node.op_type for node in graph.nodes for name in node.output}
+    ops = {name: printable(node.op_type) for node in graph.nodes for name in node.output}
     for layer in shown:
-        field, known = fields[layer], _sizes(layer, axes, sizes)
-        if known.get("H") and known.get("W"):
+        field, known = own_fields[layer], _sizes(layer, axes, sizes)
+        if fields is not None and layer in fields:
+            field = fields[layer]
+        elif known.get("H") and known.get("W"):
             field = measured(field, (height, width), (known["H"], known["W"]))
         seen = "?" if math.isnan(field.size) else f"{field.size:g} px" if math.isfinite(field.size) else "the image"
         channels, across, down = (known.get(axis, "?") for axis in "CWH")
         share = f"{macs[layer] / most:.1%}" if math.isfinite(macs[layer]) else "?"
         row = (
-            f"{layer:<{widest}}  {ops[layer]:<18}{channels:>9}{f'{across}x{down}':>10}{field.stride:>8.4g}{seen:>17}"
-            f"{share:>20}"
+            f"{printable(layer):<{widest}}  {ops[layer]:<18}{channels:>9}{f'{across}x{down}':>10}{field.stride:>8.4g}"
+            f"{seen:>17}{share:>20}"
         )
-        rows.append(row + (f"  no gradient through {blocked[layer]}" if layer in blocked else ""))
+        kind = graph.dtype(layer)
+        if kind.kind != "f":
+            row += f"  {kind} values: no keypoints or descriptors from it"
+        elif layer in blocked:
+            row += f"  no gradient through {blocked[layer]}"
+        rows.append(row)
     return "\n".join(rows)
+
+
+def map_layers(model: onnx.ModelProto, image: str) -> list[str]:
+    """The layers that `layer_table` shows by default, of a model whose image has a fixed size."""
+    graph = Graph(fold_constants(model))
+    sizes = sizes_where_known(graph)
+    return _candidates(graph, axes_of(graph, image, image_layout(graph, image), sizes), sizes)
 
 
 def _sizes(layer: str, axes: Mapping[str, str], sizes: Mapping[str, Sequence[int]]) -> dict[str, int]:
@@ -84,7 +106,7 @@ def _candidates(graph: Graph, axes: Mapping[str, str], sizes: Mapping[str, Seque
     found = []
     for node in graph.nodes:
         name = node.output[0] if node.output else ""
-        if name not in axes or node.op_type in NO_LAYERS or graph.dtype(name).kind != "f":
+        if name not in axes or node.op_type in NO_LAYERS:
             continue
         known = _sizes(name, axes, sizes)
         if (known.get("H"), known.get("W")) != (1, 1):

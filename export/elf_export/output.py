@@ -20,7 +20,7 @@ from elf_runtime.files import unwritable, write_atomically
 from elf_runtime.session import open_session
 
 from . import verify
-from .cost import macs_per_pixel, parameters
+from .cost import PROBE, macs_per_pixel, parameters
 from .errors import ExportError
 from .passes import OPSETS
 from .receptive_field import Field
@@ -45,6 +45,14 @@ def check_opset(opset: int) -> None:
 def check_output(output: str | os.PathLike[str], force: bool) -> Path:
     """The path to write to, once it is sure that writing there is wanted and possible."""
     path = Path(output)
+    try:
+        _check_place(path, force)
+    except (OSError, ValueError) as error:  # a name that is too long, or that holds a NUL
+        raise ExportError(f"{os.fspath(output)!r}: {getattr(error, 'strerror', None) or error}") from error
+    return path
+
+
+def _check_place(path: Path, force: bool) -> None:
     if path.suffix.lower() != ".onnx":
         raise ExportError(f"{path}: a model's name ends in .onnx (elf-info --ort makes an .ort file of one)")
     if path.is_dir():
@@ -53,7 +61,6 @@ def check_output(output: str | os.PathLike[str], force: bool) -> Path:
         raise ExportError(f"{path} exists; --force overwrites it")
     if reason := unwritable(path.parent):
         raise ExportError(reason)
-    return path
 
 
 def first_that_runs(model: onnx.ModelProto, images: Mapping[int, Sequence[int]]) -> int:
@@ -100,13 +107,13 @@ def descriptor_specs(
     )
 
 
-def cost_of(model: onnx.ModelProto, descriptors: Sequence[str]) -> dict[str, float]:
-    """Parameters, and multiply-adds per pixel of the saliency alone and of all outputs together."""
+def cost_of(model: onnx.ModelProto, descriptors: Sequence[str], size: int = PROBE) -> dict[str, float]:
+    """Parameters, and multiply-adds per pixel of the saliency alone and of all outputs together, at `size` pixels."""
     outputs = [SALIENCY, *(descriptor_output(name) for name in descriptors)]
     return {
         "params": parameters(model),
-        "saliency_macs_per_pixel": macs_per_pixel(model, [SALIENCY]),
-        "descriptors_macs_per_pixel": macs_per_pixel(model, outputs),
+        "saliency_macs_per_pixel": macs_per_pixel(model, [SALIENCY], size),
+        "descriptors_macs_per_pixel": macs_per_pixel(model, outputs, size),
     }
 
 

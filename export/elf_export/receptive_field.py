@@ -15,9 +15,10 @@ from .graph import Graph
 from .layout import image_layout
 
 WORKING_SIZE = (480, 640)  # the paper's, height and width
-GLOBAL = frozenset(
-    {"GlobalAveragePool", "GlobalMaxPool", "GlobalLpPool", "MatMul", "Gemm", "Softmax", "LSTM", "GRU"}
-)
+GLOBAL = frozenset({
+    "GlobalAveragePool", "GlobalMaxPool", "GlobalLpPool", "MatMul", "Gemm", "Einsum", "CumSum", "Softmax", "LSTM",
+    "GRU",
+})  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from onnx import helper
 from .adjoint import adjoint_parts, joining
 from .adjoint.gradient import Part
 from .axes import axes_of
-from .cost import fix_sizes, sizes_where_known
+from .cost import PROBE, fix_sizes, sizes_where_known
 from .errors import ExportError, LayerError
-from .graph import Graph
+from .graph import Graph, defined_in, nested_graphs
 from .layout import image_layout
 from .passes import (
     compose_convs,
@@ -24,6 +24,7 @@ from .passes import (
     fold_constants,
     rename_values,
     share_row_maxima,
+    standard_ops,
 )
 from .preprocessing import Preprocessing, prepend
 
@@ -45,6 +46,7 @@ def build_saliency(
     color: str | None = None,
     channels_last: bool = False,
     min_size: int = LEAST,
+    size: int = PROBE,
 ) -> onnx.ModelProto:
     """A model whose outputs are S(I) = |seed^T dF/dI|, averaged over I's channels, and descriptor maps.
 
@@ -75,6 +77,8 @@ def build_saliency(
     min_size : int
         Smallest height and width, in pixels, that the result must run on; what is faster on large images only
         is left out where it would not.
+    size : int
+        A usual height and width that `model` takes, at which the axes of its maps are told.
 
     Returns
     -------
@@ -98,7 +102,7 @@ def build_saliency(
     layout = image_layout(graph, image)
     joining.mean_magnitude(graph, gradient, layout.index("C"), SALIENCY)
     outputs = [helper.make_tensor_value_info(SALIENCY, graph.elem_type(image), ["N", "H", "W"])]
-    outputs += _descriptor_outputs(graph, descriptors, names, image, layout)
+    outputs += _descriptor_outputs(graph, descriptors, names, image, layout, size)
     whole, smallest = _with_outputs(graph, outputs), onnx.ModelProto()
     smallest.CopyFrom(whole)
     if graph.rank(image) == len(layout):
@@ -145,7 +149,7 @@ def _differentiated(
     """
     wanted = list(dict.fromkeys([layer, *descriptors]))
     try:
-        trunk = cut(model, wanted)
+        trunk = standard_ops(cut(model, wanted))
     except KeyError as error:
         raise LayerError(f"the model has no value {error.args[0]!r}") from None
     names = _other_names(trunk, ours)
@@ -164,7 +168,7 @@ def _differentiated(
 def _other_names(model: onnx.ModelProto, ours: Collection[str]) -> dict[str, str]:
     """Those of the model's values that have one of our names -> free names for them."""
     graph = Graph(model)
-    values = {value.name for value in (*model.graph.input, *model.graph.initializer)} | set(graph.producers())
+    values = {name for scope in nested_graphs(model.graph) for name in defined_in(scope)}
     return {name: graph.unique(name) for name in sorted(values.intersection(ours))}
 
 
@@ -183,7 +187,7 @@ def _seed_value(graph: Graph, layer: str, seed: Seed, ours: Collection[str]) -> 
 
 
 def _descriptor_outputs(
-    graph: Graph, descriptors: Sequence[str], names: Mapping[str, str], image: str, layout: str
+    graph: Graph, descriptors: Sequence[str], names: Mapping[str, str], image: str, layout: str, size: int
 ) -> list[onnx.ValueInfoProto]:
     """Append what turns each descriptor layer into (N, h, w, D), and describe the outputs.
 
@@ -194,7 +198,7 @@ def _descriptor_outputs(
         return outputs
     trunk = cut(graph.model, [names.get(name, name) for name in descriptors])
     if graph.rank(image) == len(layout):
-        fix_sizes(trunk, image, layout)
+        fix_sizes(trunk, image, layout, size)
     probe = Graph(trunk)
     sizes = sizes_where_known(probe)
     axes = axes_of(probe, image, layout, sizes)

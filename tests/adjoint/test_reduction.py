@@ -52,7 +52,22 @@ def reductions(op: str, function: Any, moved: int, **more: Any) -> list[Case]:
     return [*found, whole, nothing]
 
 
+def running_sum(x: torch.Tensor, axis: int, exclusive: int, reverse: int) -> torch.Tensor:
+    """CumSum, by torch's, which has neither of the two switches."""
+    ordered = x.flip(axis) if reverse else x
+    summed = ordered.cumsum(axis) - (ordered if exclusive else 0)
+    return summed.flip(axis) if reverse else summed
+
+
 CASES = [
+    *(
+        Case(
+            f"cumsum_{axis}_{exclusive}{reverse}", "CumSum", SHAPE,
+            lambda x, _a, axis=axis, exclusive=exclusive, reverse=reverse: running_sum(x, axis, exclusive, reverse),
+            {"exclusive": exclusive, "reverse": reverse}, {"a": np.array(axis)}, opsets=(11, 14, 20), linear=True,
+        )
+        for axis, exclusive, reverse in ((1, 0, 0), (3, 1, 0), (-2, 0, 1), (2, 1, 1))
+    ),
     *reductions("ReduceSum", lambda x, a, k: x.sum(a, keepdim=k), 13, linear=True),
     *reductions("ReduceMean", lambda x, a, k: x.mean(a, keepdim=k), 18, linear=True),
     *reductions("ReduceMax", lambda x, a, k: x.amax(a, keepdim=k), 18),

@@ -122,6 +122,32 @@ CASES = [
         dynamic_from=13,
     ),
     Case(
+        "tile",
+        "Tile",
+        {"x": (2, 1, 4, 3)},
+        lambda x, _r: x.repeat(1, 3, 2, 2),
+        constants={"r": np.array([1, 3, 2, 2])},
+        linear=True,
+    ),
+    Case(
+        "tile_not",
+        "Tile",
+        {"x": (2, 3)},
+        lambda x, _r: x.repeat(1, 1),
+        constants={"r": np.array([1, 1])},
+        linear=True,
+    ),
+    Case(
+        "tile_computed",
+        "Tile",
+        {"x": (2, 3, 4)},
+        lambda x, _r: x.repeat(2, 1, 3),
+        constants={"r": np.array([2, 1, 3])},
+        computed=["r"],
+        linear=True,
+        opsets=(13, 17, 20),
+    ),
+    Case(
         "transpose", "Transpose", SHAPE, lambda x: x.permute(2, 0, 3, 1), {"perm": [2, 0, 3, 1]}, linear=True
     ),
     Case("transpose_default", "Transpose", SHAPE, lambda x: x.permute(3, 2, 1, 0), linear=True),

@@ -139,3 +139,56 @@ def convnext() -> onnx.ModelProto:
     shapes = {"w1": (8, 3, 4, 4), "w2": (8, 1, 7, 7), "w3": (8, 16), "w4": (16, 8)}
     tensors = {name: weights(*shape, seed=i) for i, (name, shape) in enumerate(shapes.items())}
     return model(nodes, tensors, ("N", 3, "H", "W"), "y")
+
+
+def unet(levels: int, transposed: bool = False, size: Sequence[int | str] = ("N", 3, "H", "W")) -> onnx.ModelProto:
+    """Convolutions and pools down, and up again beside what was kept: up0 is as large as the image, up1 half ..."""
+    nodes: Nodes = []
+    tensors = {"scales": np.array([1, 1, 2, 2], np.float32)}
+    x, channels = "x", 3
+    for i in range(levels):
+        tensors[f"w{i}"] = weights(4, channels, 3, 3, seed=i)
+        nodes += [
+            helper.make_node("Conv", [x, f"w{i}"], [f"conv{i}"], name=f"conv{i}", pads=[1] * 4),
+            helper.make_node("Relu", [f"conv{i}"], [f"kept{i}"], name=f"kept{i}"),
+            helper.make_node("MaxPool", [f"kept{i}"], [f"down{i}"], name=f"down{i}", kernel_shape=[2, 2],
+                             strides=[2, 2]),
+        ]  # fmt: skip
+        x, channels = f"down{i}", 4
+    for i in reversed(range(levels)):
+        if transposed:
+            tensors[f"t{i}"] = weights(4, 4, 2, 2, seed=20 + i)
+            large = helper.make_node("ConvTranspose", [x, f"t{i}"], [f"large{i}"], name=f"large{i}", strides=[2, 2])
+        else:
+            large = helper.make_node("Resize", [x, "", "scales"], [f"large{i}"], name=f"large{i}", mode="nearest",
+                                     coordinate_transformation_mode="asymmetric", nearest_mode="floor")  # fmt: skip
+        tensors[f"v{i}"] = weights(4, 8, 3, 3, seed=10 + i)
+        nodes += [
+            large,
+            helper.make_node("Concat", [f"large{i}", f"kept{i}"], [f"both{i}"], name=f"both{i}", axis=1),
+            helper.make_node("Conv", [f"both{i}", f"v{i}"], [f"mixed{i}"], name=f"mixed{i}", pads=[1] * 4),
+            helper.make_node("Relu", [f"mixed{i}"], [f"up{i}"], name=f"up{i}"),
+        ]
+        x = f"up{i}"
+    return model(nodes, tensors, size, x)
+
+
+def windows(cells: int, patch: int = 4, size: Sequence[int | str] = ("N", 3, "H", "W")) -> onnx.ModelProto:
+    """As Swin: patches, cut into windows of cells x cells, mixed by a softmax within each, and put together to y."""
+    numbers = {"zero": 0, "one": 1, "two": 2, "side": cells, "area": cells * cells, "channels": 8, "rest": -1}
+    tensors = {name: np.array([value]) for name, value in numbers.items()}
+    tensors |= {"w": weights(8, 3, patch, patch), "m": weights(8, 8, seed=1)}
+    body = """embedded = Conv(x, w)
+        last = Transpose<perm=[0,2,3,1]>(embedded)  sizes = Shape(last)
+        n = Gather<axis=0>(sizes, zero)  h = Gather<axis=0>(sizes, one)  v = Gather<axis=0>(sizes, two)
+        down = Div(h, side)  across = Div(v, side)
+        split_shape = Concat<axis=0>(n, down, side, across, side, channels)  split = Reshape(last, split_shape)
+        turned = Transpose<perm=[0,1,3,2,4,5]>(split)
+        window_shape = Concat<axis=0>(rest, area, channels)  tokens = Reshape(turned, window_shape)
+        products = MatMul(tokens, m)  mixed = Softmax<axis=1>(products)
+        back_shape = Concat<axis=0>(n, down, across, side, side, channels)  back = Reshape(mixed, back_shape)
+        rows = Transpose<perm=[0,1,3,2,4,5]>(back)  map = Reshape(rows, sizes)
+        y = Transpose<perm=[0,3,1,2]>(map)"""
+    result = written(body, tensors, size)
+    result.graph.node[0].attribute.append(helper.make_attribute("strides", [patch, patch]))
+    return result

@@ -19,7 +19,7 @@ from elf_export.detection import arguments, chosen
 from elf_export.graph import Graph
 from elf_export.networks import get_network
 from elf_export.options import parser, setting
-from elf_export.passes import bfloat16_weights, half_precision
+from elf_export.passes import bfloat16_weights, half_precision, opset_of
 from elf_export.passes.half_precision import MANY
 from elf_runtime import DetectionParams, ElfRuntime, InputSpec
 from elf_runtime.session import open_session
@@ -372,13 +372,23 @@ def test_what_can_be_refused_is_refused_before_the_work(
     old, new = (["--onnx", str(tmp_path / f"{n}.onnx"), "--layer", "relu2", "--desc", "none"] for n in (11, 17))
     for words, message in (
         ([*net, "--opset", "11"], "the model is of opset 11, int8 needs opset 13 or later; choose one with --opset"),
-        (old, "the model is of opset 11, int8 needs opset 13 or later"),
+        ([*old, "--opset", "11"], "the model is of opset 11, int8 needs opset 13 or later"),
         ([*new, "--opset", "12"], "the model is of opset 12, int8 needs opset 13 or later"),
         ([*net, "--calibration", str(tmp_path / "pictures")], "broken.png: not an image that OpenCV can decode"),
         ([*new, "--calibration", str(tmp_path / "pictures")], "broken.png: not an image that OpenCV can decode"),
     ):
         assert main([*words, "--precision", "int8"]) == 1
         assert message in capsys.readouterr().err
+
+
+def test_a_model_of_an_older_opset_is_converted_to_what_the_precision_needs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    onnx.save(small.nchw(opset=11), tmp_path / "old.onnx")
+    words = ["--onnx", str(tmp_path / "old.onnx"), "--layer", "relu2", "--desc", "none", "-o", str(tmp_path / "a.onnx")]
+    assert main([*words, "--precision", "bf16"]) == 0
+    assert "the model is of opset 11 and was converted to 13" in capsys.readouterr().out
+    assert opset_of(onnx.load(tmp_path / "a.onnx")) == 13
 
 
 @pytest.mark.usefixtures("small_probes")

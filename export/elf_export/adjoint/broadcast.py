@@ -9,8 +9,10 @@ import onnx
 from elf_export.graph import Graph
 
 from .portable import reduce, squeeze
-from .registry import Context
+from .registry import Context, NeedsOpset
 from .sizes import Sizes
+
+AT_RUN_TIME = 13  # the opset from which on ReduceSum takes axes that are computed
 
 
 @dataclass(frozen=True)
@@ -56,10 +58,11 @@ def why_not(
         found = repeats(graph, sizes, name, node.output[0], core_axes)
         if found is None:
             return f"unknown rank of {name!r}"
-        if found.unsure and graph.opset < 13:
-            return (
+        if found.unsure and graph.opset < AT_RUN_TIME:
+            return NeedsOpset(
                 f"whether {name!r} is repeated along axes {list(found.unsure)} is known at run time only; "
-                "fix the input's size, or use opset 13 or later"
+                f"fix the input's size, or use opset {AT_RUN_TIME} or later",
+                AT_RUN_TIME,
             )
     return None
 

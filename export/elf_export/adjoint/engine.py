@@ -18,6 +18,7 @@ from .gradient import ADJOINT, Part
 from .joining import whole
 from .registry import (
     Context,
+    NeedsOpset,
     entry_for,
     has_no_gradient,
     is_floating,
@@ -26,6 +27,13 @@ from .registry import (
     supported_ops,
 )
 from .sizes import Sizes
+
+# Integer arithmetic whose scales are computed with the image.
+QUANTISED = frozenset({
+    "DynamicQuantizeLinear", "ConvInteger", "MatMulInteger", "QLinearConv", "QLinearMatMul", "QLinearAdd", "QLinearMul",
+    "DynamicQuantizeMatMul", "MatMulIntegerToFloat", "MatMulNBits", "QGemm", "QLinearConcat", "QLinearAveragePool",
+    "QLinearGlobalAveragePool", "QLinearSigmoid", "QLinearLeakyRelu", "QLinearSoftmax", "QLinearReduceMean",
+})  # fmt: skip
 
 
 def build_adjoint(
@@ -137,6 +145,16 @@ def unsupported_behind(graph: Graph, source: str) -> dict[str, str]:
     return found
 
 
+def opset_wanted(graph: Graph, source: str, target: str) -> int:
+    """The opset whose rules the nodes between `source` and `target` need; 0 where their own will do."""
+    path, live = _trace(graph, source, target)
+    sizes = Sizes(graph)
+    reasons = [
+        why_unsupported(Context(graph, node, [name in live for name in node.input]), live, sizes) for node in path
+    ]
+    return max((reason.opset for reason in reasons if isinstance(reason, NeedsOpset)), default=0)
+
+
 def preflight(graph: Graph, path: list[onnx.NodeProto], live: set[str], sizes: Sizes) -> None:
     """Raise UnsupportedGraphError with all the nodes of `path` that have no adjoint."""
     bad = []
@@ -152,12 +170,14 @@ def preflight(graph: Graph, path: list[onnx.NodeProto], live: set[str], sizes: S
 def why_unsupported(ctx: Context, live: set[str], sizes: Sizes) -> str | None:
     """Why the context's node can't be differentiated, None if it can.  `live`: the values on the path."""
     node, entry = ctx.node, entry_for(ctx.node)
+    if entry is None and node.op_type in QUANTISED:
+        return "the network is quantised in a way that can't be taken out again; export the float one it was made from"
     if not is_standard(node):
         return f"domain {node.domain!r} is not standard ONNX"
     if entry is None:
         return "no rule"
     if ctx.opset < entry.since_opset:
-        return f"the rule needs opset {entry.since_opset} or later"
+        return NeedsOpset(f"the rule needs opset {entry.since_opset} or later", entry.since_opset)
     for i, name in enumerate(node.input):
         if ctx.wanted[i] and not (entry.through_integers or is_floating(ctx.graph, name)):
             return f"its input {name!r} holds integers, which pass a gradient to DequantizeLinear only"

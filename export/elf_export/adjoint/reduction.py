@@ -62,6 +62,16 @@ def count(ctx: Context, x: str, axes: list[int]) -> str:
     return as_number(ctx, product, x, "count")
 
 
+@adjoint("CumSum")
+def cumulative_sum(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
+    """y_i = sum of x_j for j <= i;  dx_j = sum of dy_i for i >= j: the same from the other end.
+
+    `exclusive` leaves j = i out of both.
+    """
+    turned, exclusive = 1 - ctx.attrs.get("reverse", 0), ctx.attrs.get("exclusive", 0)
+    return [ctx.op("CumSum", grad_y, node.input[1], role="dx", reverse=turned, exclusive=exclusive)]
+
+
 @adjoint("ReduceMax", "ReduceMin", supports=_supports)
 def reduce_extreme(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """y = max x (or min);  dx = dy [x = y] / #[x = y]: shared between those that tie, as in torch.amax."""

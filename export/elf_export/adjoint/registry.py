@@ -23,6 +23,17 @@ RuleT = TypeVar("RuleT", bound=Rule)
 Supports = Callable[["Context"], str | None]
 
 
+class NeedsOpset(str):
+    """Why a node can't be differentiated, where a later opset would mend that."""
+
+    def __new__(cls, reason: str, opset: int) -> NeedsOpset:
+        self = super().__new__(cls, reason)
+        self.opset = opset
+        return self
+
+    opset: int
+
+
 @dataclass(frozen=True)
 class Entry:
     """A row of the table; the fields are the arguments of `adjoint`."""

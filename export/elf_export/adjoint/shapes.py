@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import onnx
 
-from .portable import concat_ints, shape_of, size_of
+from .portable import Ints, concat_ints, reduce, shape_of, size_of, slice_axes
 from .registry import Context, Gradients, adjoint
 
 
@@ -50,6 +50,35 @@ def reshape(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
 def expand(_ctx: Context, _node: onnx.NodeProto, grad_y: str) -> Gradients:
     """y = x repeated along axes of size 1;  dx = dy, which the engine sums over those."""
     return [grad_y]
+
+
+def _tile_supports(ctx: Context) -> str | None:
+    rank, repeats = ctx.graph.rank(ctx.node.input[0]), ctx.value(ctx.node.input[1])
+    if rank is None:
+        return "unknown rank of the input"
+    return None if repeats is not None or ctx.shape(ctx.node.input[1]) == [rank] else "unknown number of repeats"
+
+
+@adjoint("Tile", supports=_tile_supports)
+def tile(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
+    """y = x laid out r_i times along axis i;  dx = the sum of dy over the copies.
+
+    dy: (r_0 d_0, r_1 d_1, ...) -> (r_0, d_0, r_1, d_1, ...), summed over every r_i, one at a time.
+    """
+    x, repeats = node.input
+    known = ctx.value(repeats)
+    shape: list[Ints] = []
+    copies: list[int] = []
+    for axis in range(ctx.rank(x)):
+        if known is None or known[axis] != 1:
+            copies.append(len(shape))
+            times: Ints = [] if known is None else [int(known[axis])]
+            shape.append(times or slice_axes(ctx, repeats, [axis], [axis + 1], [0], f"copies_{axis}"))
+        shape.append(size_of(ctx, x, axis, f"size_{axis}"))
+    dx = ctx.op("Reshape", grad_y, concat_ints(ctx, shape, "apart_shape"), role="apart")
+    for axis in reversed(copies):
+        dx = reduce(ctx, "ReduceSum", dx, [axis], f"sum_{axis}", keepdims=0)
+    return [dx]
 
 
 @adjoint("Transpose", supports=rank_is_known)

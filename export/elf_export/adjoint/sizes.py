@@ -16,7 +16,7 @@ from elf_export.graph import Dim, Graph, attributes
 _KEEP_SHAPE = frozenset({
     "Identity", "Dropout", "Cast", "Relu", "LeakyRelu", "PRelu", "Clip", "HardSigmoid", "HardSwish",
     "ThresholdedRelu", "Sigmoid", "Tanh", "Elu", "Selu", "Celu", "Softplus", "Softsign", "Mish", "Gelu",
-    "Swish", "Erf", "Exp", "Log", "Abs", "Neg", "Sqrt", "Reciprocal", "Softmax", "LogSoftmax", "LRN",
+    "Swish", "Erf", "Exp", "Log", "Abs", "Neg", "Sqrt", "Reciprocal", "Softmax", "LogSoftmax", "CumSum", "LRN",
     "BatchNormalization", "InstanceNormalization", "LayerNormalization", "GroupNormalization",
     "LpNormalization", "QuantizeLinear", "DequantizeLinear",
 })  # fmt: skip

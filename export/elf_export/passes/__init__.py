@@ -14,6 +14,9 @@ from .rename_values import rename_values
 from .share import share
 from .share_row_maxima import share_row_maxima
 from .single_precision import single_precision
+from .sort_nodes import sort_nodes
+from .standard_ops import standard_ops
+from .without_rounding import without_rounding
 
 __all__ = [
     "OPSETS",
@@ -31,5 +34,8 @@ __all__ = [
     "share",
     "share_row_maxima",
     "single_precision",
+    "sort_nodes",
+    "standard_ops",
     "target_opset",
+    "without_rounding",
 ]

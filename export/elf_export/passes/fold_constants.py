@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import onnx
 from onnx import helper
@@ -12,11 +14,18 @@ from elf_export.graph import Array, Graph
 from .cut import cut
 
 MOST_ELEMENTS = 1 << 20  # of a result: a large constant that is computed from small ones stays computed
+MOST_STATED = 1024  # numbers of a tensor that inference may read a shape from
 RANDOM = frozenset({"Bernoulli", "Multinomial"})
 MOVES = frozenset({
     "ConstantOfShape", "Identity", "Reshape", "Flatten", "Squeeze", "Unsqueeze", "Transpose", "Slice", "Concat",
     "Expand", "Tile", "Gather",
 })  # fmt: skip
+
+GROWS = frozenset({
+    "ConstantOfShape", "Expand", "Tile", "Range", "Pad", "Resize", "Upsample", "OneHot", "EyeLike", "Gather", "Add",
+    "Sub", "Mul", "Div", "Equal", "Where",
+})  # fmt: skip
+"""Whose results may be larger than their inputs together."""
 
 
 def fold_constants(model: onnx.ModelProto) -> onnx.ModelProto:
@@ -53,7 +62,7 @@ def fold_constants(model: onnx.ModelProto) -> onnx.ModelProto:
 
 
 def _evaluate(node: onnx.NodeProto, values: dict[str, Array], opset: int) -> Array | None:
-    """The output of a standard node, None if it has a body, or if nobody here can run it."""
+    """The output of a standard node, None if it has a body, is too large, or if nobody here can run it."""
     if node.domain not in ("", "ai.onnx") or any(a.HasField("g") for a in node.attribute):
         return None
     inputs = [
@@ -63,9 +72,29 @@ def _evaluate(node: onnx.NodeProto, values: dict[str, Array], opset: int) -> Arr
     output = helper.make_tensor_value_info(node.output[0], onnx.TensorProto.UNDEFINED, None)
     graph = helper.make_graph([node], "fold", inputs, [output])
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)])
+    if node.op_type in GROWS and not _is_small(model, values):
+        return None
     try:
         result = ReferenceEvaluator(model).run(None, values)
     except Exception:  # any failure of the evaluator leaves the node as it is
         return None
     first = result[0] if isinstance(result, list) else None
     return first if isinstance(first, np.ndarray) else None
+
+
+def _is_small(model: onnx.ModelProto, values: dict[str, Array]) -> bool:
+    """Whether the one node's result is known to have at most MOST_ELEMENTS, or as many as its inputs."""
+    known = onnx.ModelProto()
+    known.CopyFrom(model)
+    for name, value in values.items():
+        if value.size <= MOST_STATED:
+            known.graph.initializer.append(onnx.numpy_helper.from_array(value, name))
+    try:
+        inferred = onnx.shape_inference.infer_shapes(known, data_prop=True)
+    except Exception:  # whatever its C++ side throws
+        return False
+    kind = inferred.graph.output[0].type.tensor_type
+    if not kind.HasField("shape") or not all(dim.HasField("dim_value") for dim in kind.shape.dim):
+        return False
+    size = math.prod(dim.dim_value for dim in kind.shape.dim)
+    return bool(0 <= size <= max(MOST_ELEMENTS, *(value.size for value in values.values())))

