@@ -73,7 +73,7 @@ class Graph:
         """Refresh what `shape`, `rank` and `dtype` answer from, after nodes were appended or removed."""
         while True:
             inferred = shape_inference.infer_shapes(self.model, data_prop=True).graph
-            for value in (*inferred.value_info, *inferred.input, *inferred.output):
+            for value in (*inferred.value_info, *inferred.output, *inferred.input):
                 if value.type.HasField("tensor_type"):
                     self._types[value.name] = value.type.tensor_type
             news = [node for node in self.nodes if self._learn(node)]

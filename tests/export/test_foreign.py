@@ -388,3 +388,11 @@ def test_preprocessing_options_reach_the_graph_and_the_contract(tmp_path: Path) 
     gray = Preprocessing(color="gray")
     with pytest.raises(ExportError, match="color gray has 1 channel"):
         export_onnx(path, "pool1", [], tmp_path / "gray.onnx", preprocessing=gray)
+
+
+def test_the_image_may_be_an_output_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model = small.nchw(("N", 3, "H", "W"))
+    model.graph.output.append(model.graph.input[0])
+    assert main(["--onnx", str(saved(model, tmp_path)), "--list"]) == 0
+    assert "relu2" in capsys.readouterr().out
+    assert export_onnx(tmp_path / "model.onnx", "relu2", [], tmp_path / "elf.onnx").contract.stride == 2
