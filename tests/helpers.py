@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,24 @@ def shared(*parts: str) -> Path:
         if root.joinpath(*parts).exists():
             return root.joinpath(*parts)
     pytest.skip(f"development data {'/'.join(parts)} is not beside this checkout")
+
+
+@contextmanager
+def memory_needed_below(most: float) -> Iterator[None]:
+    """Fail where this process comes to need `most` bytes more than it has; what it needed before does not count."""
+    status = Path("/proc/self/status")
+
+    def mebibytes(key: str) -> float:
+        return next(int(line.split()[1]) / 1024 for line in status.read_text().splitlines() if line.startswith(key))
+
+    if not status.exists():
+        yield
+        return
+    Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
+    before = mebibytes("VmRSS")
+    yield
+    needed = mebibytes("VmHWM") - before
+    assert needed < most / 2**20, f"{needed:.0f} MiB"
 
 
 def textured(height: int, width: int, seed: int = 0, channels: int = 3) -> npt.NDArray[np.uint8]:

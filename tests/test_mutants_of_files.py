@@ -71,7 +71,7 @@ def unsafe_error() -> None:
 )  # fmt: skip
 def test_a_trial_tells_a_fault(monkeypatch: pytest.MonkeyPatch, work: Callable[[], None], fault: str) -> None:
     monkeypatch.setattr(trial, "SECONDS", 1.0)
-    monkeypatch.setattr(trial, "BYTES", 350e6)
+    monkeypatch.setattr(trial, "BYTES", 250e6)
     outcome = trial.trial("it", work)
     assert fault in outcome.fault
     assert bool(fault) == bool(outcome.fault)

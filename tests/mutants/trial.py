@@ -22,7 +22,10 @@ _TAKEN, _REFUSED, _WRONG = 0, 10, 20  # exit statuses of the child
 
 @dataclass(frozen=True)
 class Outcome:
-    """`fault` is empty where the mutant was taken, or refused by an error of ours in one line."""
+    """`fault` is empty where the mutant was taken, or refused by an error of ours in one line.
+
+    `bytes` is what it needed beyond what the child had when it began.
+    """
 
     what: str
     refused: bool
@@ -35,21 +38,26 @@ def trial(what: str, work: Callable[[], None]) -> Outcome:
     """Do `work` in a forked child: it may end, or raise an `ElfError`; all else is a fault."""
     begun = time.monotonic()
     with tempfile.TemporaryFile() as said:
+        begins, ends = os.pipe()
         child = os.fork()
         if child == 0:
+            os.write(ends, f"{resident()}\n".encode())
             os._exit(_in_child(work, said.fileno()))
+        os.close(ends)
+        with os.fdopen(begins) as first:
+            before = float(first.readline())
         status = None
         while status is None and time.monotonic() - begun < SECONDS:
             done, raw, usage = os.wait4(child, os.WNOHANG)
             if done:
-                status, peak = raw, usage.ru_maxrss * 1024.0
+                status, peak = raw, usage.ru_maxrss * 1024.0 - before
             else:
                 time.sleep(0.002)
         seconds = time.monotonic() - begun
         if status is None:
             os.kill(child, signal.SIGKILL)
             usage = os.wait4(child, 0)[2]
-            return Outcome(what, False, f"no end within {SECONDS:g} s", seconds, usage.ru_maxrss * 1024.0)
+            return Outcome(what, False, f"no end within {SECONDS:g} s", seconds, usage.ru_maxrss * 1024.0 - before)
         said.seek(0)
         text = said.read().decode(errors="replace")
     if os.WIFSIGNALED(status):
@@ -59,6 +67,15 @@ def trial(what: str, work: Callable[[], None]) -> Outcome:
     else:
         fault = text or f"exit status {os.WEXITSTATUS(status)}"
     return Outcome(what, os.WEXITSTATUS(status) == _REFUSED, fault, seconds, peak)
+
+
+def resident() -> float:
+    """Bytes that this process has in memory; 0 where the system does not say."""
+    try:
+        with open("/proc/self/statm", encoding="ascii") as statm:
+            return float(statm.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return 0.0
 
 
 def _in_child(work: Callable[[], None], said: int) -> int:

@@ -24,17 +24,16 @@ SOBEL_X = ((-1.0, 0.0, 1.0), (-2.0, 0.0, 2.0), (-1.0, 0.0, 1.0))
 LAPLACE_SIZE = 11
 
 
-def _binomial(count: int) -> torch.Tensor:
-    """(count,): row `count` of Pascal's triangle."""
-    return torch.tensor([float(comb(count - 1, k)) for k in range(count)])
-
-
 def laplace(size: int) -> torch.Tensor:
-    """(size, size): s d^T + d s^T, with s the binomial of `size`, and d that of `size` - 2 differentiated twice."""
-    smooth, twice = _binomial(size), torch.zeros(size)
-    for shift, factor in enumerate((1.0, -2.0, 1.0)):
-        twice[shift : size - 2 + shift] += factor * _binomial(size - 2)
-    return torch.outer(smooth, twice) + torch.outer(twice, smooth)
+    """(size, size): s d^T + d s^T, with s the binomial of `size`, and d that of `size` - 2 differentiated twice.
+
+    s_k = C(size - 1, k),  d_k = b_k - 2 b_(k-1) + b_(k-2) with b_k = C(size - 3, k)
+    """
+    s = [comb(size - 1, k) for k in range(size)]
+    b = [0, 0, *(comb(size - 3, k) for k in range(size - 2)), 0, 0]
+    d = [b[k + 2] - 2 * b[k + 1] + b[k] for k in range(size)]
+    # In plain numbers: traced, operations on tensors would become nodes of the graph.
+    return torch.tensor([[float(s[i] * d[j] + d[i] * s[j]) for j in range(size)] for i in range(size)])
 
 
 def _filtered(x: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
