@@ -132,7 +132,7 @@ def test_the_presets_are_these() -> None:
         "fast", "default", "accurate", "paper", "paper-webcam", "paper-robust", "paper-components"
     )  # fmt: skip
     common = {"normalize": 0.95, "nms_radius": 6, "subpixel": True}
-    assert preset("fast") == DetectionParams(denoise=(3, 0.8), scale=0.28, border=20, **common)
+    assert preset("fast") == DetectionParams(denoise=(3, 0.8), scale=0.28, border=20, min_contrast=1.0, **common)
     assert preset("default") == DetectionParams(denoise=(5, 1.2), scale=0.45, border=14, **common)
     assert preset("accurate") == DetectionParams(denoise=(7, 1.8), scale=0.75, border=12, **common)
     for name in ("fast", "default", "accurate"):

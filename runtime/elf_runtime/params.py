@@ -167,7 +167,7 @@ _PAPER_BY_NETWORK: dict[str, DetectionParams] = {
 # same part of the scene.  The border keeps out what the network's zero padding makes of plain coloured ground.
 DEFAULT = DetectionParams(denoise=(5, 1.2), normalize=0.95, nms_radius=6, border=14, scale=0.45, subpixel=True)
 _OURS: dict[str, DetectionParams] = {
-    "fast": replace(DEFAULT, scale=0.28, denoise=(3, 0.8), border=20),
+    "fast": replace(DEFAULT, scale=0.28, denoise=(3, 0.8), border=20, min_contrast=1.0),
     "default": DEFAULT,
     "accurate": replace(DEFAULT, scale=0.75, denoise=(7, 1.8), border=12),
 }
