@@ -6,7 +6,7 @@ import argparse
 import re
 from collections.abc import Callable, Mapping
 
-from elf_runtime.commands._common import add_version
+from elf_runtime.command import new_parser
 
 from .cache import default_folder
 from .compare import METRICS
@@ -14,11 +14,7 @@ from .compare import METRICS
 
 def build_parser(actions: Mapping[str, Callable[[argparse.Namespace], None]]) -> argparse.ArgumentParser:
     """The parser; each command's function comes from `actions` and ends up in ``args.action``."""
-    parser = argparse.ArgumentParser(
-        prog="elf-eval",
-        description="Compare keypoint detectors and descriptors, by the ELF paper's protocol.",
-    )
-    add_version(parser)
+    parser = new_parser("elf-eval", "Compare keypoint detectors and descriptors, by the ELF paper's protocol.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     one = commands.add_parser("run", help="evaluate methods on datasets")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
-import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,14 +12,14 @@ from pathlib import Path
 
 import cv2
 
-from elf_runtime import ElfError
-from elf_runtime.files import discard_stdout, print_anything, unwritable
+from elf_runtime.command import run as run_command
+from elf_runtime.files import unwritable
 
 from . import compare as comparing
 from . import sweep as sweeping
 from .arguments import build_parser
 from .datasets import DATASETS, open_dataset
-from .errors import EvalError, explained
+from .errors import EvalError
 from .from_arguments import protocol, resources, suite_by_hand
 from .methods import METHODS
 from .methods.opencv import OPENCV, installed
@@ -32,33 +31,19 @@ from .report import plots, write_index, write_pictures, write_report
 from .results import Results
 from .runner import run
 from .suite import Suite
-from .workers import Terminated, terminable
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status: 0 done, 1 an error that was explained, 130 interrupted, 143 ended by
     SIGTERM."""
     arguments = list(sys.argv[1:] if argv is None else argv)
-    print_anything()
-    args = build_parser(_ACTIONS).parse_args(arguments)
-    args.command_line = shlex.join(["elf-eval", *arguments])
-    try:
-        with terminable():
-            args.action(args)
-        sys.stdout.flush()
-    except BrokenPipeError:
-        discard_stdout()
-        return 1
-    except (EvalError, ElfError, OSError) as error:
-        print(f"elf-eval: {explained(error)}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("\nelf-eval: interrupted; the same command goes on from here", file=sys.stderr)
-        return 130
-    except Terminated:
-        print("\nelf-eval: terminated; the same command goes on from here", file=sys.stderr)
-        return 128 + signal.SIGTERM
-    return 0
+
+    def work(args: argparse.Namespace) -> int:
+        args.command_line = shlex.join(["elf-eval", *arguments])
+        args.action(args)
+        return 0
+
+    return run_command(build_parser(_ACTIONS), work, arguments, goes_on="the same command goes on from here")
 
 
 def _run(args: argparse.Namespace) -> None:

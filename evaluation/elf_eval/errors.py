@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
+from elf_runtime.errors import ElfError
 from elf_runtime.errors import reason as reason
 
 
-class EvalError(Exception):
-    """What was wrong (file, pair, option), what was expected, and what to do next."""
+class EvalError(ElfError):
+    """What was wrong (file, pair, option), what was expected, and what to do next; a line for each of several."""
 
-
-def explained(error: BaseException) -> str:
-    """`reason`, behind the file where an OSError has one."""
-    file = error.filename if isinstance(error, OSError) else None
-    return f"{file}: {reason(error)}" if file else reason(error)
+    has_rows = True

@@ -6,35 +6,24 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from .errors import ExportError, printable
+from elf_runtime.command import run
+from elf_runtime.errors import printable
+
+from .errors import ExportError
 from .options import check, layers_of, parser, preprocessing_of, reduction_of
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit status (0 done, 1 failed, 2 wrong usage, 130 interrupted)."""
     p = parser()
-    args = p.parse_args(argv)
-    check(args, p.error)
-    try:
-        _need_onnx(named=args.onnx is None)
-        if args.list:
-            _list(args)
-        else:
-            _export(args)
-        sys.stdout.flush()
-    except BrokenPipeError:
-        from elf_runtime.files import discard_stdout
 
-        discard_stdout()
-        return 1
-    except ExportError as error:
-        lines = [printable(line) for line in str(error).splitlines()]
-        print("\n".join(["elf-export: error: " + "".join(lines[:1]), *lines[1:]]), file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("\nelf-export: interrupted", file=sys.stderr)
-        return 130
-    return 0
+    def work(args: argparse.Namespace) -> int:
+        check(args, p.error)
+        _need_onnx(named=args.onnx is None)
+        (_list if args.list else _export)(args)
+        return 0
+
+    return run(p, work, argv)
 
 
 def _need_onnx(named: bool) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from elf_runtime.errors import ElfError
 
-class ExportError(Exception):
+
+class ExportError(ElfError):
     """Base of the errors below: catch this one to catch them all."""
 
 
@@ -35,6 +37,8 @@ class UnsupportedNode:
 class UnsupportedGraphError(ExportError):
     """Nodes without an adjoint rule; all of them, not the first."""
 
+    has_rows = True
+
     def __init__(self, nodes: Sequence[UnsupportedNode], supported: Sequence[str]) -> None:
         self.nodes = tuple(nodes)
         rows = "\n".join(f"  {n.op} (opset {n.opset}) at node {n.name!r}: {n.reason}" for n in nodes)
@@ -45,7 +49,3 @@ class UnsupportedGraphError(ExportError):
             "elf_export.adjoint.adjoint."
         )
 
-
-def printable(text: str) -> str:
-    """`text` with an escape for each character that would move a terminal's cursor or change its colours."""
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)

@@ -8,10 +8,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import onnx
 
+from elf_runtime.errors import printable
+
 from .adjoint import unsupported_behind
 from .axes import axes_of
 from .cost import counted_values, fix_sizes, node_macs, sizes_where_known
-from .errors import printable
 from .forward import NETWORK_INPUT, torch_to_onnx
 from .graph import Graph
 from .layout import image_layout

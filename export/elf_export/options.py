@@ -7,12 +7,16 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from elf_runtime.commands._common import add_version
+from elf_runtime.command import new_parser
 from elf_runtime.commands._settings import setting
 
 if TYPE_CHECKING:
     from .preprocessing import Preprocessing
     from .projection import Reduction
+
+DESCRIPTION = """\
+Write one .onnx file that computes a CNN's saliency |F^T dF/dI| (the backward pass is in the graph) and its descriptor
+maps; elf_runtime finds keypoints with it, without PyTorch."""
 
 EPILOG = """\
 examples:
@@ -36,14 +40,7 @@ ONLY_WITH_ONNX = ("input", "color", "mean", "std", "scale", "standardize")
 
 def parser() -> argparse.ArgumentParser:
     """The command line's grammar."""
-    p = argparse.ArgumentParser(
-        prog="elf-export",
-        description="Write one .onnx file that computes a CNN's saliency |F^T dF/dI| (the backward pass is in the "
-        "graph) and its descriptor maps; elf_runtime finds keypoints with it, without PyTorch.",
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    add_version(p)
+    p = new_parser("elf-export", DESCRIPTION, EPILOG)
     p.add_argument(
         "--layer", metavar="LAYER", help="the layer F that keypoints come from (--net: the paper's)"
     )

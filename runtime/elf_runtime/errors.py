@@ -10,7 +10,14 @@ class ElfError(Exception):
     """Base of the errors below: catch this one to catch them all.
 
     Its text is safe to print: names and metadata come from files, which may hold a megabyte, or what a terminal obeys.
+
+    Attributes
+    ----------
+    has_rows : bool
+        Whether the text is a first line and rows below it, a list; else commands print it as one line.
     """
+
+    has_rows = False
 
     def __str__(self) -> str:
         return "\n".join(map(printable, shortened(super().__str__(), LONGEST).split("\n")))

@@ -41,7 +41,7 @@ def results(command, tmp_path, capsys):
 def error_of(arguments, capsys):
     """The lines on stderr of a command that fails with an explanation."""
     assert main(arguments) == 1
-    return capsys.readouterr().err.strip().removeprefix("elf-eval: ").splitlines()
+    return capsys.readouterr().err.strip().removeprefix("elf-eval: error: ").removeprefix("elf-eval: ").splitlines()
 
 
 @pytest.mark.parametrize(

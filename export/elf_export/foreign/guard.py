@@ -8,8 +8,8 @@ from contextlib import contextmanager
 
 import onnx
 
-from elf_export.errors import ExportError, printable
-from elf_runtime.errors import ElfError, first_line
+from elf_export.errors import ExportError
+from elf_runtime.errors import ElfError, first_line, printable
 
 
 @contextmanager

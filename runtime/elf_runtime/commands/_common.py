@@ -1,24 +1,21 @@
-"""What the commands share: options, errors as one line, files that are whole or absent."""
+"""What the commands share: options, the model and the images that they name, and pictures."""
 
 from __future__ import annotations
 
 import argparse
-import json
-import sys
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import cv2
 import numpy.typing as npt
 
-from elf_runtime import __version__
 from elf_runtime import image as images
 from elf_runtime.canvas import Picture
+from elf_runtime.command import UsageError
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.errors import ElfError, SettingError, one_line, printable
-from elf_runtime.files import discard_stdout, print_anything, write_atomically
+from elf_runtime.errors import ElfError
+from elf_runtime.files import write_atomically
 from elf_runtime.image import MAX_PIXELS
 from elf_runtime.params import PRESETS, DetectionParams
 
@@ -28,68 +25,7 @@ from ._settings import setting
 IMAGE_SUFFIXES = frozenset(
     (".bmp", ".jpeg", ".jpg", ".jp2", ".pbm", ".pgm", ".png", ".pnm", ".ppm", ".tif", ".tiff", ".webp")
 )
-FAILED, USAGE = 1, 2
 _SETTINGS = tuple(field.name for field in fields(DetectionParams))
-
-
-class UsageError(Exception):
-    """A command line that can't be carried out, whatever the files hold."""
-
-
-def new_parser(name: str, description: str, epilog: str = "") -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog=name,
-        description=description,
-        epilog=epilog,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    add_version(parser)
-    return parser
-
-
-def add_version(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--version", action="version", version=f"{parser.prog} {__version__}")
-
-
-def run(
-    parser: argparse.ArgumentParser, work: Callable[[argparse.Namespace], int], argv: Sequence[str] | None
-) -> int:
-    """Parse and work; an expected error is one line on stderr and a status: 2 for usage, else 1."""
-    print_anything()
-    args = parser.parse_args(argv)
-    try:
-        return work(args)
-    except (UsageError, SettingError) as error:
-        report(parser.prog, error)
-        return USAGE
-    except BrokenPipeError:
-        discard_stdout()
-        return FAILED
-    except (ElfError, OSError) as error:
-        report(parser.prog, error)
-        return FAILED
-    except KeyboardInterrupt:
-        return 130
-
-
-def report(command: str, error: object) -> None:
-    """One line ``command: error: ...`` on stderr."""
-    say(f"{command}: error: {one_line(str(error))}", sys.stderr)
-
-
-def say(line: str, stream: TextIO) -> None:
-    """Print lines without anything that a terminal would obey."""
-    print("\n".join(map(printable, line.split("\n"))), file=stream)
-
-
-def write_json(target: str, data: Mapping[str, Any]) -> None:
-    """Write data as JSON into a file, whose folder is made, or to standard output where the target is ``-``."""
-    text = json.dumps(data, indent=2) + "\n"
-    if target == "-":
-        sys.stdout.write(text)
-    else:
-        Path(target).parent.mkdir(parents=True, exist_ok=True)
-        write_text(Path(target), text)
 
 
 def add_model_options(parser: argparse.ArgumentParser, model: bool = True) -> None:
@@ -252,10 +188,6 @@ def grid(text: str) -> tuple[int, int]:
 def short_name(path: str | Path) -> str:
     """A file's name with its folder's, for titles: what tells ``graf/1.png`` from ``wall/1.png``."""
     return "/".join(Path(path).parts[-2:])
-
-
-def write_text(path: Path, text: str) -> None:
-    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
 def write_picture(path: Path, picture: Picture) -> None:

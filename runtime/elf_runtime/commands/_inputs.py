@@ -7,10 +7,11 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from elf_runtime.command import UsageError
 from elf_runtime.features import load_record
 from elf_runtime.files import real
 
-from ._common import IMAGE_SUFFIXES, UsageError
+from ._common import IMAGE_SUFFIXES
 
 
 def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | None = None) -> dict[Path, Path]:

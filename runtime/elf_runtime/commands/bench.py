@@ -14,6 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from elf_runtime import command
 from elf_runtime import image as images
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.render import displayable
@@ -52,7 +53,7 @@ peers
 
 
 def build_parser() -> argparse.ArgumentParser:
-    parser = _common.new_parser("elf-bench", DESCRIPTION, EPILOG)
+    parser = command.new_parser("elf-bench", DESCRIPTION, EPILOG)
     parser.add_argument(
         "--sizes",
         type=sizes,
@@ -106,7 +107,7 @@ def sizes(text: str) -> list[tuple[int, int]]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    return _common.run(build_parser(), _work, argv)
+    return command.run(build_parser(), _work, argv)
 
 
 def _work(args: argparse.Namespace) -> int:
@@ -117,7 +118,7 @@ def _work(args: argparse.Namespace) -> int:
     least = elf.contract.input.min_size
     for height, width in args.sizes:
         if min(height, width) < least:
-            raise _common.UsageError(f"--sizes {height}x{width}: the smallest size of this model is {least}x{least}")
+            raise command.UsageError(f"--sizes {height}x{width}: the smallest size of this model is {least}x{least}")
     photo = displayable(images.read(args.image)) if args.image else None
     report: dict[str, Any] = {
         "model": {
@@ -141,7 +142,7 @@ def _work(args: argparse.Namespace) -> int:
             torch_saliency, note = torch_peer(file, args.threads)
             report["peers"]["torch"] = note
             if torch_saliency is None and args.peers:
-                raise _common.UsageError(f"--peers torch: {note}")
+                raise command.UsageError(f"--peers torch: {note}")
             if torch_saliency is not None and file != args.model:
                 twin = _open(file, args)
         lanes: list[_Lane] = []
@@ -158,9 +159,9 @@ def _work(args: argparse.Namespace) -> int:
                 entry["saliency_agreement"] = _agreement(lane.image, twin or elf, torch_saliency)
             entry["memory"] = peak_memory(args.model, args.provider, args.threads, lane.image.shape[:2])
             report["sizes"].append(entry)
-    _common.say(table(report), sys.stderr if args.json == "-" else sys.stdout)
+    command.say(table(report), sys.stderr if args.json == "-" else sys.stdout)
     if args.json:
-        _common.write_json(args.json, report)
+        command.write_json(args.json, report)
     return 0
 
 
@@ -168,7 +169,7 @@ def _peer_names(text: str | None) -> list[str]:
     names = list(PEERS) if text is None else [] if text == "none" else [n.strip() for n in text.split(",")]
     for name in names:
         if name not in PEERS:
-            raise _common.UsageError(f"--peers: unknown peer {name!r}; known are {', '.join(PEERS)}, or none")
+            raise command.UsageError(f"--peers: unknown peer {name!r}; known are {', '.join(PEERS)}, or none")
     return names
 
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 import elf_runtime
+from elf_runtime import command
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError, ImageError, printable, reason
 from elf_runtime.features import load_record
@@ -50,7 +51,7 @@ exit status: 0 if every image was done, 1 if some could not be, 2 on a wrong com
 
 
 def build_parser() -> argparse.ArgumentParser:
-    parser = _common.new_parser("elf-detect", DESCRIPTION, EPILOG)
+    parser = command.new_parser("elf-detect", DESCRIPTION, EPILOG)
     parser.add_argument("images", nargs="+", metavar="IMAGE", help="image file, folder of images, or pattern")
     parser.add_argument(
         "-r", "--recursive", action="store_true", help="of folders, take the images in their subfolders too"
@@ -86,7 +87,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    return _common.run(build_parser(), _work, argv)
+    return command.run(build_parser(), _work, argv)
 
 
 def _work(args: argparse.Namespace) -> int:
@@ -111,15 +112,15 @@ def _work(args: argparse.Namespace) -> int:
             result = run.detect(path, stem)
         except (ElfError, OSError) as error:
             text = str(error) if str(error).startswith(printable(f"{path}:")) else f"{path}: {error}"
-            _common.report("elf-detect", text)
+            command.report("elf-detect", text)
             results.append({"image": str(path), "error": text})
             continue
         results.append(result)
-        _common.say(_line(result), progress)
+        command.say(_line(result), progress)
     if args.json:
         images = [{k: v for k, v in result.items() if k != "asked"} for result in results]
-        _common.write_json(args.json, {**_common.origin(elf, args), "images": images})
-    return _common.FAILED if any("error" in result for result in results) else 0
+        command.write_json(args.json, {**_common.origin(elf, args), "images": images})
+    return command.FAILED if any("error" in result for result in results) else 0
 
 
 def _line(result: Mapping[str, Any]) -> str:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy.typing as npt
 import onnxruntime as ort
 
+from elf_runtime import command
 from elf_runtime.agreement import compare, pattern
 from elf_runtime.contract import SCHEMA_VERSION, ModelContract
 from elf_runtime.coverage import measure
@@ -24,7 +25,6 @@ from elf_runtime.ort_format import is_ort_format, to_ort
 from elf_runtime.session import Provider, bundled_model, is_cpu, resolve_providers
 from elf_runtime.work import prepared
 
-from . import _common
 from ._info_text import report_text
 from ._outputs import check_outputs
 
@@ -50,7 +50,7 @@ examples:
 
 
 def build_parser() -> argparse.ArgumentParser:
-    parser = _common.new_parser("elf-info", DESCRIPTION, EPILOG)
+    parser = command.new_parser("elf-info", DESCRIPTION, EPILOG)
     parser.add_argument("model", nargs="?", metavar="MODEL", help="an .onnx or .ort file; default: the bundled model")
     parser.add_argument(
         "--provider", metavar="NAME", help="measure this provider only; default: all installed"
@@ -70,14 +70,14 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    return _common.run(build_parser(), _work, argv)
+    return command.run(build_parser(), _work, argv)
 
 
 def _work(args: argparse.Namespace) -> int:
     if args.option and not args.provider:
-        raise _common.UsageError("--option is for the provider that --provider names")
+        raise command.UsageError("--option is for the provider that --provider names")
     if args.this_machine and not args.ort:
-        raise _common.UsageError("--this-machine is for the file that --ort names")
+        raise command.UsageError("--this-machine is for the file that --ort names")
     check_outputs({"--ort": [args.ort]}, {"the image": [args.image], "the model": [args.model]})
     options = dict(map(_option, args.option))
     image = pattern() if args.image is None else read(args.image)
@@ -103,17 +103,17 @@ def _work(args: argparse.Namespace) -> int:
     if args.ort and not failures:
         to_ort(path, args.ort, this_machine=args.this_machine)
         report["ort"] = args.ort
-    _common.say(json.dumps(report, indent=2) if args.json else report_text(report), sys.stdout)
+    command.say(json.dumps(report, indent=2) if args.json else report_text(report), sys.stdout)
     sys.stdout.flush()
     for reason in failures:
-        _common.report("elf-info", reason)
-    return _common.FAILED if failures else 0
+        command.report("elf-info", reason)
+    return command.FAILED if failures else 0
 
 
 def _option(text: str) -> tuple[str, str]:
     key, separator, value = text.partition("=")
     if not (key and separator):
-        raise _common.UsageError(f"--option takes KEY=VALUE, not {text!r}")
+        raise command.UsageError(f"--option takes KEY=VALUE, not {text!r}")
     return key, value
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from elf_runtime import command
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import SettingError
 from elf_runtime.features import Features
@@ -45,7 +46,7 @@ scores_a and scores_b (M,), inliers (M,), and the fitted matrix (3, 3), NaN wher
 
 
 def build_parser() -> argparse.ArgumentParser:
-    parser = _common.new_parser("elf-match", DESCRIPTION, EPILOG)
+    parser = command.new_parser("elf-match", DESCRIPTION, EPILOG)
     parser.add_argument("a", metavar="A", help="first image")
     parser.add_argument("b", metavar="B", help="second image")
     parser.add_argument(
@@ -72,21 +73,21 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    return _common.run(build_parser(), _work, argv)
+    return command.run(build_parser(), _work, argv)
 
 
 def _work(args: argparse.Namespace) -> int:
     if args.ransac_threshold is not None and not args.ransac:
-        raise _common.UsageError("--ransac-threshold needs --ransac homography or --ransac fundamental")
+        raise command.UsageError("--ransac-threshold needs --ransac homography or --ransac fundamental")
     reach = 3.0 if args.ransac_threshold is None else args.ransac_threshold
     if not 0.0 < reach < float("inf"):
-        raise _common.UsageError(f"--ransac-threshold {reach:g}: a distance in pixels is above 0")
+        raise command.UsageError(f"--ransac-threshold {reach:g}: a distance in pixels is above 0")
     if args.save and args.save.suffix != ".npz":
-        raise _common.UsageError(f"--save {args.save}: matches are saved as .npz")
+        raise command.UsageError(f"--save {args.save}: matches are saved as .npz")
     if args.ratio is not None and not 0.0 < args.ratio < 1.0:
-        raise _common.UsageError(f"--ratio {args.ratio:g}: a ratio lies between 0 and 1")
+        raise command.UsageError(f"--ratio {args.ratio:g}: a ratio lies between 0 and 1")
     if args.output and not cv2.haveImageWriter(f"x{args.output.suffix}"):
-        raise _common.UsageError(f"-o {args.output}: no image format has this ending; use .png or .jpg")
+        raise command.UsageError(f"-o {args.output}: no image format has this ending; use .png or .jpg")
     check_outputs(
         {"-o": [args.output], "--save": [args.save], "--json": [args.json]},
         {"an input image": [args.a, args.b], "the model": [args.model]},
@@ -116,9 +117,9 @@ def _work(args: argparse.Namespace) -> int:
         _save(args.save, pairs, (first, second), view)
     written = ", ".join(str(path) for path in (args.output, args.save) if path)
     line = f"{args.a}: {len(first)} keypoints, {args.b}: {len(second)} keypoints, {text}{at_best}"
-    _common.say(line + (f" -> {written}" if written else ""), sys.stderr if args.json == "-" else sys.stdout)
+    command.say(line + (f" -> {written}" if written else ""), sys.stderr if args.json == "-" else sys.stdout)
     if args.json:
-        _common.write_json(args.json, _summary(args, elf, (first, second), len(pairs), view))
+        command.write_json(args.json, _summary(args, elf, (first, second), len(pairs), view))
     return 0
 
 
