@@ -27,7 +27,8 @@ KEY_PREFIX = "elf."
 
 # What a contract may say at most: more is a damaged file, not a model.
 LARGEST_SIDE = 8192  # pixels, and values of a descriptor
-LARGEST_MULTIPLE = 1024  # pixels
+LARGEST_IMAGE = 4096 * 4096  # pixels of a fixed size
+LARGEST_LEAST = 1024  # pixels, of the smallest side and of a multiple
 LARGEST_NUMBER = 1e15
 
 
@@ -66,12 +67,13 @@ class InputSpec:
             )
         if self.channels != (1 if self.color == "gray" else 3):
             raise ValueError(f"{self.channels} channels do not fit color {self.color!r}")
-        sizes = min(self.height, self.width) >= 0 and max(self.height, self.width, self.min_size) <= LARGEST_SIDE
-        if not sizes or self.min_size < 1 or self.batch not in (0, 1) or not 1 <= self.multiple <= LARGEST_MULTIPLE:
+        sizes = min(self.height, self.width) >= 0 and max(self.height, self.width) <= LARGEST_SIDE
+        steps = min(self.min_size, self.multiple) >= 1 and max(self.min_size, self.multiple) <= LARGEST_LEAST
+        if not (sizes and steps and self.height * self.width <= LARGEST_IMAGE and self.batch in (0, 1)):
             raise ValueError(
                 f"height {self.height}, width {self.width}, min_size {self.min_size}, batch {self.batch}, "
-                f"multiple {self.multiple}; sizes are 0 where free and at most {LARGEST_SIDE}, the batch is 0 or 1, "
-                f"the multiple 1 to {LARGEST_MULTIPLE}"
+                f"multiple {self.multiple}; sizes are 0 where free, at most {LARGEST_SIDE} and {LARGEST_IMAGE:,} "
+                f"pixels; the batch is 0 or 1, min_size and multiple are 1 to {LARGEST_LEAST}"
             )
         if self.value_range <= 0:
             raise ValueError(f"value_range {self.value_range}; a saturated pixel has a value above 0")
@@ -322,6 +324,8 @@ def _decode(name: str, value: Any) -> Any:
         spec.check()
         return spec
     if name == "descriptors":
+        if not isinstance(value, list):
+            raise TypeError(f"expected a list, found {value!r}")
         specs = tuple(_descriptor(item) for item in value)
         for item in specs:
             item.check()
@@ -332,8 +336,8 @@ def _decode(name: str, value: Any) -> Any:
         return DetectionParams.from_dict(value)
     kind = get_type_hints(ModelContract)[name]
     if kind is float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or value < 0:
-            raise ValueError(f"expected a number of at least 0, found {value!r}")
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value <= LARGEST_SIDE:
+            raise ValueError(f"expected a number of pixels from 0 to {LARGEST_SIDE}, found {value!r}")
         return float(value)
     if kind is str and not isinstance(value, str):
         raise TypeError(f"expected text, found {value!r}")

@@ -52,14 +52,17 @@ def contrast_at(pixels: Array, points: npt.NDArray[np.int64], window: int) -> Ar
     """`contrast_map` at (N, 2) points (x, y), without the rest of the map."""
     if window > _FEW:
         return np.asarray(contrast_map(pixels, window)[points[:, 1], points[:, 0]])
-    r = window // 2
+    r, channels = window // 2, pixels.shape[2]
     framed = _channels(cv2.copyMakeBorder(pixels, r, r, r, r, cv2.BORDER_REFLECT_101))
-    windows = np.lib.stride_tricks.sliding_window_view(framed, (window, window), axis=(0, 1))
-    around = windows[points[:, 1], points[:, 0]].astype(np.float64)  # (N, C, window, window)
-    around -= around.mean(axis=(2, 3), keepdims=True)
-    ramp = np.arange(-r, r + 1.0)
-    slopes = np.einsum("nckl,l->nc", around, ramp) ** 2 + np.einsum("nckl,k->nc", around, ramp) ** 2
-    left = (around**2).mean(axis=(2, 3)) - slopes / window**4 / (r * (r + 1) / 3)
+    # A window is the rows, cut out of all values, that begin so far from its corner.
+    rows = np.lib.stride_tricks.sliding_window_view(framed.ravel(), window * channels)
+    corners = points[:, 1, None] * framed.shape[1] + points[:, 0, None]
+    around = rows[(corners + np.arange(window) * framed.shape[1]) * channels].reshape(len(points), window**2, channels)
+    around = around - around.mean(axis=1, keepdims=True)  # (N, window^2, C)
+    ramp = np.arange(-r, r + 1, dtype=np.float32)
+    slopes = np.stack([np.tile(ramp, window), np.repeat(ramp, window)]) @ around  # (N, 2, C): along x and y
+    left = np.einsum("nkc,nkc->nc", around, around) / window**2
+    left -= np.einsum("nsc,nsc->nc", slopes, slopes) / np.float32(window**4 * r * (r + 1) / 3)
     return np.asarray(np.sqrt(np.maximum(left.mean(axis=1), 0)), np.float32)
 
 

@@ -56,7 +56,7 @@ def measure(model: str | Path, contract: ModelContract, provider: Provider, size
     name = provider if isinstance(provider, str) else provider[0]
     side = max(size, contract.input.min_size)
     shape = (1, *contract.input.size_for(side, side, 1.0), contract.input.channels)
-    image = np.random.default_rng(0).uniform(0.0, contract.input.value_range, shape).astype(np.float32)
+    image = np.random.default_rng(0).random(shape, np.float32) * np.float32(contract.input.value_range)
     with tempfile.TemporaryDirectory() as folder:
         try:
             session, _ = open_session(model, provider, profile=str(Path(folder) / "profile"))

@@ -54,5 +54,5 @@ def sample(feature_map: Array, points: Array, stride: float, offset: float) -> A
 def _unit(rows: Array, wide: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """`rows` at unit length, in float64, in `wide`."""
     wide[...] = rows
-    wide /= np.maximum(np.sqrt(np.einsum("nd,nd->n", wide, wide))[:, None], np.finfo(np.float32).tiny)
+    wide /= np.maximum(np.sqrt(np.einsum("nd,nd->n", wide, wide))[:, None], np.finfo(np.float64).tiny)
     return wide

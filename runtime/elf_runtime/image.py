@@ -14,7 +14,7 @@ import numpy.typing as npt
 from .contract import InputSpec
 from .errors import ImageError, first_line, reason
 from .filetype import HEAD, description, open_regular
-from .image_header import Header, is_cut_off, read_header
+from .image_header import NEVER, SURELY, Header, is_cut_off, read_header
 
 Array = npt.NDArray[np.float32]
 ImageLike = npt.NDArray[Any] | str | os.PathLike[str]
@@ -85,9 +85,21 @@ def _decoded(data: npt.NDArray[np.uint8], header: Header | None, ignore_exif: bo
     if pixels is None:
         why = "damaged, or of a variant that OpenCV can't decode" if whole else "cut off: data are missing at its end"
         raise ImageError(f"the {header.kind} file is {why}")
-    if not header.alpha:
+    if header.alpha == NEVER:
         return pixels
-    return _with_alpha(pixels, _opencv(data, cv2.IMREAD_UNCHANGED))
+    if header.transparent is not None and pixels.ndim == 2:
+        top = np.iinfo(pixels.dtype).max
+        alpha = np.where(pixels == header.transparent, 0, top).astype(pixels.dtype)
+        return np.dstack([pixels, pixels, pixels, alpha])
+    stored = _opencv(data, cv2.IMREAD_UNCHANGED)
+    if stored is not None and stored.ndim == 3 and stored.shape[2] == 4:
+        return _with_alpha(pixels, stored)
+    if header.alpha == SURELY:
+        raise ImageError(
+            f"the {header.kind} file has an alpha channel that OpenCV does not decode; convert it, to a PNG in colour "
+            "for example"
+        )
+    return pixels
 
 
 def _opencv(data: npt.NDArray[np.uint8], flags: int) -> npt.NDArray[Any] | None:
@@ -98,13 +110,11 @@ def _opencv(data: npt.NDArray[np.uint8], flags: int) -> npt.NDArray[Any] | None:
         return None
 
 
-def _with_alpha(pixels: npt.NDArray[Any], stored: npt.NDArray[Any] | None) -> npt.NDArray[Any]:
+def _with_alpha(pixels: npt.NDArray[Any], stored: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """`pixels` with the alpha channel of the same file, which OpenCV reads from it as it is `stored` only.
 
     The way that the file's orientation turned `pixels` is the one that makes the stored colours equal to them.
     """
-    if stored is None or stored.ndim != 3 or stored.shape[2] != 4:
-        return pixels
     if pixels.ndim == 2:
         pixels = cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR)
     for turn in range(8):
@@ -200,6 +210,15 @@ def is_flat(pixels: npt.NDArray[Any]) -> bool:
     return bool((pixels[0] == pixels[0, 0]).all() and (pixels == pixels[0, 0]).all())
 
 
+def is_blank(image: npt.NDArray[Any]) -> bool:
+    """Whether it is an image of integers, as `to_pixels` takes it, of one colour; its alpha does not matter."""
+    if image.dtype.kind != "u" or image.size == 0:
+        return False
+    if image.ndim == 2:
+        return is_flat(image)
+    return image.ndim == 3 and image.shape[2] in (1, 3, 4) and is_flat(image[:, :, :3])
+
+
 def seen(image: npt.NDArray[Any], mask: npt.ArrayLike | None) -> npt.NDArray[np.bool_] | None:
     """Where a user's mask and the image's alpha allow keypoints, (H, W); None where that is everywhere.
 
@@ -229,17 +248,20 @@ def shrunk(mask: npt.NDArray[np.bool_], pixels: int) -> npt.NDArray[np.bool_]:
 
 
 def unused_range(image: npt.NDArray[Any]) -> float:
-    """By how much 16-bit pixels could be multiplied: cameras of 10 to 14 bits write them as they are.
+    """By how much 16-bit pixels could be multiplied: many cameras of 10 to 14 bits write them as they are.
 
     Returns
     -------
     float
-        65535 over the largest number of as many bits as the image's maximum needs, 8 or more; 1 for other dtypes.
+        65535 over the largest number of as many bits as the image's maximum needs, 8 or more.  1 where the lowest two
+        bits are not used, by a camera that fills 16 bits from the top, and for other dtypes.
     """
     if image.dtype.kind != "u" or image.dtype.itemsize != 2:
         return 1.0
-    bits = max(8, int(image.max()).bit_length())
-    return 65535.0 / float((1 << bits) - 1)
+    used = int(np.bitwise_or.reduce(image, axis=None))
+    if used & 3 == 0:
+        return 1.0
+    return 65535.0 / float((1 << max(8, used.bit_length())) - 1)
 
 
 def to_mask(mask: Any, size: tuple[int, int]) -> npt.NDArray[np.bool_]:

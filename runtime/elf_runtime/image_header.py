@@ -9,9 +9,10 @@ import re
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
-_Sides = tuple[int, int, bool]  # width, height, alpha
+NEVER, MAYBE, SURELY = range(3)
+_Sides = tuple[Any, ...]  # width, height, alpha, and what else there is
 _Parser = Callable[[bytes, BinaryIO], _Sides]
 
 _HEAD = 1 << 16  # bytes in which all formats but JPEG and TIFF say their size
@@ -27,14 +28,17 @@ class Header:
         "PNG", "JPEG" ...
     width, height : int
         In pixels, as stored; 0 where the header does not say.
-    alpha : bool
-        Whether its pixels may have an alpha channel.
+    alpha : NEVER, MAYBE or SURELY
+        Whether its pixels have an alpha channel.
+    transparent : int, optional
+        Of a grey picture without one, the pixel value that stands for no image.
     """
 
     kind: str
     width: int = 0
     height: int = 0
-    alpha: bool = False
+    alpha: int = 0
+    transparent: int | None = None
 
 
 def read_header(file: BinaryIO) -> Header | None:
@@ -67,10 +71,20 @@ def is_cut_off(data: bytes, header: Header) -> bool:
     return False
 
 
-def _png(head: bytes, _: BinaryIO) -> _Sides:
-    width, height, _depth, color = struct.unpack_from(">IIBB", head, 16)
-    transparent = b"tRNS" in head[: head.find(b"IDAT") if b"IDAT" in head else None]
-    return width, height, color in (4, 6) or transparent
+def _png(head: bytes, file: BinaryIO) -> _Sides:
+    width, height, depth, color = struct.unpack_from(">IIBB", head, 16)
+    at, key = 8, None
+    while True:  # chunk by chunk: profiles and comments of any length may stand before the transparency
+        file.seek(at)
+        chunk = file.read(10)
+        if len(chunk) < 8 or chunk[4:8] in (b"IDAT", b"IEND"):
+            break
+        if chunk[4:8] == b"tRNS":
+            if color == 0 and len(chunk) == 10:
+                key = int.from_bytes(chunk[8:], "big") * (255 // ((1 << depth) - 1) if depth < 8 else 1)
+            return width, height, SURELY, key
+        at += 12 + int.from_bytes(chunk[:4], "big")
+    return width, height, SURELY if color in (4, 6) else NEVER
 
 
 def _png_ends_early(data: bytes) -> bool:
@@ -106,16 +120,16 @@ def _jpeg(_: bytes, file: BinaryIO) -> _Sides:
         file.seek(at)
         segment = file.read(9)
         if len(segment) < 4 or segment[0] != 0xFF:
-            return 0, 0, False
+            return 0, 0, NEVER
         marker = segment[1]
         if marker == 0xFF or 0xD0 <= marker <= 0xD8 or marker == 0x01:  # padding, or without a length
             at += 1 if marker == 0xFF else 2
             continue
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             height, width = struct.unpack_from(">HH", segment, 5)
-            return width, height, False
+            return width, height, NEVER
         if marker in (0xD9, 0xDA):
-            return 0, 0, False
+            return 0, 0, NEVER
         at += 2 + max(2, struct.unpack_from(">H", segment, 2)[0])
 
 
@@ -139,20 +153,20 @@ def _webp(head: bytes, _: BinaryIO) -> _Sides:
     form = head[12:16]
     if form == b"VP8X":
         width, height = (int.from_bytes(head[at : at + 3], "little") + 1 for at in (24, 27))
-        return width, height, bool(head[20] & 0x10)
+        return width, height, SURELY if head[20] & 0x10 else NEVER
     if form == b"VP8L":
         (bits,) = struct.unpack_from("<I", head, 21)
-        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1, bool(bits >> 28 & 1)
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1, MAYBE if bits >> 28 & 1 else NEVER
     width, height = struct.unpack_from("<HH", head, 26)
-    return width & 0x3FFF, height & 0x3FFF, False
+    return width & 0x3FFF, height & 0x3FFF, NEVER
 
 
 def _bmp(head: bytes, _: BinaryIO) -> _Sides:
     if struct.unpack_from("<I", head, 14)[0] == 12:
         width, height = struct.unpack_from("<HH", head, 18)
-        return width, height, False
+        return width, height, NEVER
     width, height, _planes, bits = struct.unpack_from("<iiHH", head, 18)
-    return abs(width), abs(height), bits == 32
+    return abs(width), abs(height), MAYBE if bits == 32 else NEVER
 
 
 def _tiff(head: bytes, file: BinaryIO) -> _Sides:
@@ -162,15 +176,22 @@ def _tiff(head: bytes, file: BinaryIO) -> _Sides:
     file.seek(struct.unpack_from(order + offset, head, 8 if big else 4)[0])
     (entries,) = struct.unpack(order + count, file.read(struct.calcsize(count)))
     found: dict[int, int] = {}
-    for _index in range(min(entries, 4096)):
-        row = file.read(entry)
-        tag, kind = struct.unpack_from(order + "HH", row)
+    for row in [file.read(entry) for _ in range(min(entries, 4096))]:
+        tag, kind, values = struct.unpack_from(order + "HH" + number, row)
         code = {1: "B", 3: "H", 4: "I", 16: "Q"}.get(kind, number)
-        found[tag] = struct.unpack_from(order + code, row, 12 if big else 8)[0]
-    return found.get(256, 0), found.get(257, 0), found.get(277, 1) in (2, 4) or 338 in found
+        place, inside = row[12:] if big else row[8:], (8 if big else 4) // struct.calcsize(code)
+        if values > inside:  # they lie elsewhere; the first is enough
+            file.seek(struct.unpack(order + number, place)[0])
+            place = file.read(8)
+        found[tag] = struct.unpack_from(order + code, place)[0]
+    width, height = found.get(256, 0), found.get(257, 0)
+    if 338 in found:  # ExtraSamples: 1 and 2 are alpha, 0 is anything else, such as infrared
+        return width, height, SURELY if found[338] in (1, 2) else NEVER
+    # OpenCV itself writes four channels of an RGB picture without saying what the fourth is.
+    return width, height, MAYBE if (found.get(277, 1), found.get(262)) == (4, 2) else NEVER
 
 
-def _text(pattern: bytes, alpha: bool = False) -> _Parser:
+def _text(pattern: bytes, alpha: int = NEVER) -> _Parser:
     def parse(head: bytes, _: BinaryIO) -> _Sides:
         found = re.search(pattern, re.sub(rb"#[^?\n][^\n]*\n", b"\n", head))
         return (int(found["w"]), int(found["h"]), alpha) if found else (0, 0, alpha)
@@ -182,18 +203,18 @@ def _jp2(head: bytes, _: BinaryIO) -> _Sides:
     at = head.find(b"ihdr")
     if at >= 0:
         height, width, channels = struct.unpack_from(">IIH", head, at + 4)
-        return width, height, channels in (2, 4)
+        return width, height, MAYBE if channels in (2, 4) else NEVER
     right, bottom, left, top = struct.unpack_from(">IIII", head, head.find(b"\xff\x51") + 6)
-    return right - left, bottom - top, True
+    return right - left, bottom - top, MAYBE
 
 
 def _heif(head: bytes, _: BinaryIO) -> _Sides:
     sides = [struct.unpack_from(">II", head, found.end() + 4) for found in re.finditer(b"ispe", head)]
     width, height = max(sides, key=lambda size: size[0] * size[1], default=(0, 0))
-    return width, height, True
+    return width, height, MAYBE
 
 
-def _fixed(form: str, at: int, alpha: bool) -> _Parser:
+def _fixed(form: str, at: int, alpha: int) -> _Parser:
     """Two numbers of `struct`'s format `form` at a place of their own."""
 
     def parse(head: bytes, _: BinaryIO) -> _Sides:
@@ -206,7 +227,7 @@ def _fixed(form: str, at: int, alpha: bool) -> _Parser:
 def _exr(head: bytes, _: BinaryIO) -> _Sides:
     at = head.index(b"dataWindow\0box2i\0") + 17 + 4
     left, top, right, bottom = struct.unpack_from("<iiii", head, at)
-    return abs(right - left) + 1, abs(bottom - top) + 1, True
+    return abs(right - left) + 1, abs(bottom - top) + 1, MAYBE
 
 
 _KINDS: tuple[tuple[bytes, str, _Parser], ...] = (
@@ -215,13 +236,13 @@ _KINDS: tuple[tuple[bytes, str, _Parser], ...] = (
     (rb"RIFF....WEBP", "WebP", _webp),
     (rb"BM", "BMP", _bmp),
     (rb"II\*\0|MM\0\*|II\+\0|MM\0\+", "TIFF", _tiff),
-    (rb"GIF8[79]a", "GIF", _fixed("<HH", 6, True)),
+    (rb"GIF8[79]a", "GIF", _fixed("<HH", 6, MAYBE)),
     (rb"P[1-6]\s", "PNM", _text(rb"^P[1-6]\s+(?P<w>\d{1,12})\s+(?P<h>\d{1,12})")),
-    (rb"P7\s", "PAM", _text(rb"WIDTH\s+(?P<w>\d{1,12})[\s\S]*?HEIGHT\s+(?P<h>\d{1,12})", alpha=True)),
+    (rb"P7\s", "PAM", _text(rb"WIDTH\s+(?P<w>\d{1,12})[\s\S]*?HEIGHT\s+(?P<h>\d{1,12})", alpha=MAYBE)),
     (rb"P[Ff]\s", "PFM", _text(rb"^P[Ff]\s+(?P<w>\d{1,12})\s+(?P<h>\d{1,12})")),
     (rb"#\?R", "HDR", _text(rb"[-+]Y\s+(?P<h>\d{1,12})\s+[-+]X\s+(?P<w>\d{1,12})")),
     (rb"\0\0\0\x0cjP  |\xff\x4f\xff\x51", "JPEG 2000", _jp2),
     (rb"....ftyp(avif|avis|heic|heix|mif1|msf1)", "AVIF or HEIF", _heif),
     (rb"\x76\x2f\x31\x01", "OpenEXR", _exr),
-    (rb"\x59\xa6\x6a\x95", "Sun raster", _fixed(">II", 4, False)),
+    (rb"\x59\xa6\x6a\x95", "Sun raster", _fixed(">II", 4, NEVER)),
 )

@@ -52,8 +52,9 @@ def match(
         raise SettingError("these features have no descriptors: the model was exported with --desc none")
     if len(a) == 0 or len(b) == 0:
         return np.zeros((0, 2), np.int64)
-    if not (_is_unit(a) and _is_unit(b)):
-        a, b = a.astype(np.float64), b.astype(np.float64)
+    unit = _is_unit(a) and _is_unit(b)
+    kind: type[np.floating] = np.float32 if unit else np.float64
+    a, b = a.astype(kind, copy=False), b.astype(kind, copy=False)
     to_b, to_a, squared = _nearest(a, b, second=ratio is not None and len(b) > 1)
     index = np.arange(len(a))
     keep = to_a[to_b] == index
@@ -78,11 +79,14 @@ def _rows(side: Features | npt.ArrayLike, name: str) -> Rows:
         )
     if rows.ndim != 2:
         raise SettingError(f"{kind}, not of shape {rows.shape}: it can't be compared")
-    with np.errstate(over="ignore"):
-        rows = rows.astype(np.float32, copy=False)
-    if not np.isfinite(rows).all():
-        raise SettingError(f"some descriptors of the {name} side are NaN or infinite")
-    if _equal_lengths(rows.T) and not _equal_lengths(rows):
+    # What float32 does not hold is compared in float64.
+    rows = rows.astype(np.float32 if rows.dtype in (np.float16, np.float32) else np.float64, copy=False)
+    with np.errstate(over="ignore", invalid="ignore"):
+        finite = np.isfinite(rows).all() and np.isfinite(_squares(rows)).all()
+    if not finite:
+        raise SettingError(f"some descriptors of the {name} side are NaN, infinite or too large")
+    # Descriptors of unit length, turned round: 16 to 512 rows whose columns have that length.
+    if 16 <= len(rows) <= 512 and rows.shape[1] and _is_unit(rows.T, 1e-3) and not _is_unit(rows, 0.1):
         raise SettingError(f"{kind}; this one of shape {rows.shape} looks like (D, N): pass its transpose")
     return rows
 
@@ -92,14 +96,8 @@ def _squares(rows: Rows) -> npt.NDArray[np.float64]:
     return np.asarray(np.einsum("nd,nd->n", rows, rows, dtype=np.float64))
 
 
-def _is_unit(rows: Rows) -> bool:
-    return bool((np.abs(_squares(rows) - 1.0) < 1e-5).all())
-
-
-def _equal_lengths(rows: Rows) -> bool:
-    """Whether several rows are all of one length, within a percent, as descriptors mostly are."""
-    squares = _squares(rows)
-    return len(rows) > 1 and bool(squares.max() <= 1.02 * squares.min()) and bool(squares.max() > 0)
+def _is_unit(rows: Rows, tolerance: float = 1e-5) -> bool:
+    return bool((np.abs(_squares(rows) - 1.0) < tolerance).all())
 
 
 def _nearest(a: Rows, b: Rows, second: bool) -> tuple[Index, Index, npt.NDArray[np.float64] | None]:

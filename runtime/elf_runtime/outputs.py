@@ -29,13 +29,15 @@ def check_map(feature_map: Array, spec: DescriptorSpec, shape: tuple[int, int, i
         wanted = f"({shape[0]}, h, w, {spec.dim})"
         raise ModelError(f"{model}: the output {spec.output!r} is of shape {feature_map.shape}, not {wanted}")
     for side, cells in zip(shape[1:], feature_map.shape[1:3], strict=True):
-        # Centred in the image: as far from the last cell to its end as from its beginning to the first.
-        expected = (side - 1 - 2 * spec.offset) / spec.stride + 1
-        if cells < 1 or abs(cells - expected) > max(_CELLS, _SHARE * expected):
+        # Cells that tile the image, or, without padding, as many as are left between two margins of the offset.
+        expected = side / spec.stride
+        least = min(expected, (side - 1 - 2 * spec.offset) / spec.stride + 1)
+        near = max(_CELLS, _SHARE * expected)
+        if not max(1, least - near) <= cells <= expected + near:
             raise ModelError(
                 f"{model}: the output {spec.output!r} has {feature_map.shape[1]}x{feature_map.shape[2]} cells for an "
                 f"image of {shape[1]}x{shape[2]} pixels; a cell every {spec.stride:g} pixels from {spec.offset:g} on, "
-                f"as 'elf.descriptors' says, would be {max(0, expected):.0f} along {side} pixels"
+                f"as 'elf.descriptors' says, would be {expected:.0f} along {side} pixels"
             )
 
 

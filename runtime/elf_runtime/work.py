@@ -111,7 +111,7 @@ def prepared(
     """
     spec = contract.input
     # One pixel stands for an image of one colour, which may be a gigabyte that was a kilobyte of file.
-    blank = array.ndim in (2, 3) and array.size > 0 and array.dtype.kind == "u" and images.is_flat(array[..., :3])
+    blank = images.is_blank(array)
     pixels = images.to_pixels(array[:1, :1] if blank else array, spec)
     size = (array.shape[0], array.shape[1])
     if min(size) < spec.min_size:

@@ -34,7 +34,7 @@ _PARITY = {
 
 
 # What a screen is for: a file may hold a thousand tensors, or a megabyte of text.
-_MOST_TENSORS = 20
+_MOST_ROWS = 20
 _LONGEST = 1000  # characters of an entry
 
 
@@ -62,10 +62,10 @@ def _graph_rows(graph: Mapping[str, Any]) -> list[str]:
     for kind in ("inputs", "outputs"):
         rows += [
             _row(kind[:-1], f"{name}  {tensor['dtype']} ({', '.join(map(str, tensor['dims']))})")
-            for name, tensor in list(graph[kind].items())[:_MOST_TENSORS]
+            for name, tensor in list(graph[kind].items())[:_MOST_ROWS]
         ]
-        if len(graph[kind]) > _MOST_TENSORS:
-            rows.append(_row("", f"and {len(graph[kind]) - _MOST_TENSORS} more {kind}"))
+        if len(graph[kind]) > _MOST_ROWS:
+            rows.append(_row("", f"and {len(graph[kind]) - _MOST_ROWS} more {kind}"))
     for dtype, entry in graph["stored"].items():
         size = f"{entry['values']:,} values in {entry['tensors']} tensors, {_size(entry['bytes'])}"
         rows.append(_row(f"stored {dtype}", size))
@@ -79,7 +79,10 @@ def _contract_rows(contract: Mapping[str, Any], gflop: Mapping[str, float]) -> l
     rows.append(
         _row("network, layer", f"{contract['network']} {contract['layer']}, stride {contract['stride']:g}")
     )
-    rows += [_row("descriptor", _descriptor(d) if d else "none") for d in contract["descriptors"] or [None]]
+    described = contract["descriptors"] or [None]
+    rows += [_row("descriptor", _descriptor(d) if d else "none") for d in described[:_MOST_ROWS]]
+    if len(described) > _MOST_ROWS:
+        rows.append(_row("", f"and {len(described) - _MOST_ROWS} more descriptors"))
     pixels = f"{spec['color']} pixels 0..{spec['value_range']:g}, {_sizes(spec)}"
     rows.append(_row("input", f"{spec['dtype']} {spec['layout']}, {pixels}"))
     rows.append(_row("preprocessing", contract["preprocessing"] or "not recorded"))
@@ -105,11 +108,12 @@ def _contract_rows(contract: Mapping[str, Any], gflop: Mapping[str, float]) -> l
 
 def _parity_rows(parity: Mapping[str, float], precision: str) -> list[str]:
     """A line for each figure, in words; one that this version does not know under its own name."""
-    known = [key for key in _PARITY if key in parity]
-    texts = [
-        f"{_PARITY.get(key, key).format(precision=precision)}: {_short(parity[key])}"
-        for key in (*known, *(key for key in parity if key not in _PARITY))
-    ]
+    known = {key: text.format(precision=precision) for key, text in _PARITY.items() if key in parity}
+    texts = [f"{text}: {_short(parity[key])}" for key, text in known.items()]
+    others = [f"{key}: {_short(value)}" for key, value in parity.items() if key not in _PARITY]
+    texts += others[:_MOST_ROWS]
+    if len(others) > _MOST_ROWS:
+        texts.append(f"and {len(others) - _MOST_ROWS} more")
     return [_row("" if index else "parity", text) for index, text in enumerate(texts)]
 
 
