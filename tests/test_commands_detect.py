@@ -269,6 +269,22 @@ def test_two_images_of_one_name_in_a_run(tmp_path: Path, capsys: pytest.CaptureF
     assert results(tmp_path / "both") == {"a/1.npz", "b/1.npz"}
 
 
+def test_images_that_differ_in_their_ending_only(tmp_path: Path) -> None:
+    """Their names are the same whichever of them are in the run, and a picture of ours is no image."""
+    first, second = write(tmp_path / "in" / "1.png"), write(tmp_path / "in" / "1.jpg", 1)
+    write(tmp_path / "in" / "2.jpg")
+    wanted = {"1.jpg.npz", "1.png.npz", "2.npz"}
+    assert detect(tmp_path / "in", "-o", tmp_path / "out", "--no-picture") == 0
+    assert results(tmp_path / "out") == wanted
+    for image in (first, second):
+        assert detect(image, "-o", tmp_path / "again", "--no-picture") == 0
+    assert results(tmp_path / "again") == wanted - {"2.npz"}
+    beside = write(tmp_path / "beside" / "3.jpg")
+    for _ in range(2):
+        assert detect(beside, "-o", tmp_path / "beside") == 0
+        assert results(tmp_path / "beside") == {"3.npz"}
+
+
 def test_a_file_of_somebody_else_s_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     image = write(tmp_path / "1.jpg")
     for name in ("1.npz", "1.csv", "1.png"):
@@ -309,12 +325,31 @@ def test_what_is_done_is_skipped(tmp_path: Path, capsys: pytest.CaptureFixture[s
 def test_fewer_than_asked_for_says_why(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     image = write(tmp_path / "1.jpg")
     assert detect(image, "-o", tmp_path / "out", "--max-keypoints", 2000) == 0
-    assert "keypoints of 2000 asked for, no more pass the threshold (--threshold)" in capsys.readouterr().out
-    assert detect(image, "-o", tmp_path / "out", "--max-keypoints", 2) == 0
-    assert "asked for" not in capsys.readouterr().out
+    said = "keypoints of 2000 asked for: the threshold (--threshold) let through no more, 128x96"
+    assert said in capsys.readouterr().out
+    assert detect(image, "-o", tmp_path / "out", "--set", "max_keypoints=2000") == 0
+    assert said in capsys.readouterr().out
+    assert detect(image, "-o", tmp_path / "out", "--max-keypoints", 2000, "--threshold", "none") == 0
+    assert "keypoints of 2000 asked for: there are no more, 128x96" in capsys.readouterr().out
+    for options in (["--max-keypoints", 2], []):
+        assert detect(image, "-o", tmp_path / "out", *options) == 0
+        assert "asked for" not in capsys.readouterr().out
 
 
-NAMES = [b"not\xff\xfeutf.png", "bl\u00e4tter \u6c34.png".encode(), b"tab\tand\x1b[31mred.png", b"x" * 200 + b".png"]
+def test_an_interrupted_image_is_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    image, out = write(tmp_path / "1.jpg"), tmp_path / "out"
+    assert detect(image, "-o", out, "--max-keypoints", 3) == 0
+    monkeypatch.setattr("elf_runtime.commands.detect.detection_picture", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        detect(image, "-o", out)
+    monkeypatch.undo()
+    assert not (out / "1.png").exists()  # it was of other settings
+    assert detect(image, "-o", out, "--skip-existing") == 0
+    assert len((out / "1.csv").read_text().splitlines()) == len(Features.load(out / "1.npz")) + 1 > 4
+    assert (out / "1.png").exists()
+
+
+NAMES = [b"not\xff\xfeutf.png", "bl\u00e4tter \u6c34.png".encode(), b"tab\tand\nline\x1b[31m.png", b"x" * 200 + b".png"]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="names are Unicode there")
@@ -409,11 +444,12 @@ def test_a_hard_link_to_an_input_is_not_written(tmp_path: Path, capsys: pytest.C
     ("arguments", "status", "reason"),
     [
         (["p.png", "-o", ".", "--mask", "m/p.png", "--no-picture", "--json", "m/p.png"], 2, "m/p.png is the mask"),
-        (["p.jpg", "-o", ".", "--mask", "p.png"], 2, "-o: p.png is the mask"),
-        (["p.jpg", "-o", ".", "--mask", "link.png"], 2, "-o: p.png is the mask"),
+        (["q.jpg", "-o", "m", "--mask", "m/q.png"], 2, "-o: m/q.png is the mask"),
+        (["q.jpg", "-o", "m", "--mask", "link.png"], 2, "-o: m/q.png is the mask"),
         (["p.png", "-o", "out", "--json", "p.png"], 2, "--json: p.png is an input image"),
         (["m/p.png", "p.png", "-o", "out", "--json", "./p.png"], 2, "--json: p.png is an input image"),
-        (["p.jpg", "-o", "out", "--json", "out/p.png"], 2, "--json: out/p.png is an output of -o"),
+        (["q.jpg", "-o", "out", "--json", "out/q.png"], 2, "--json: out/q.png is an output of -o"),
+        (["p.jpg", "-o", "out", "--json", "out/p.jpg.png"], 2, "--json: out/p.jpg.png is an output of -o"),
         (["p.jpg", "-o", "out", "--json", "model.onnx"], 2, "--json: model.onnx is the model"),
         (["p.jpg", "-o", "out", "--json", "nodir/x.json"], 1, "--json: there is no folder nodir"),
         (["p.jpg", "-o", "out", "--json", "p.png/x.json"], 1, "--json: p.png is not a folder"),
@@ -430,9 +466,9 @@ def test_outputs_are_checked_before_the_work(
     status: int,
     reason: str,
 ) -> None:
-    for seed, name in enumerate(("p.png", "p.jpg", "m/p.png")):
+    for seed, name in enumerate(("p.png", "p.jpg", "q.jpg", "m/p.png", "m/q.png")):
         write(tmp_path / name, seed)
-    (tmp_path / "link.png").symlink_to("p.png")
+    (tmp_path / "link.png").symlink_to("m/q.png")
     (tmp_path / "model.onnx").write_bytes(TINY.read_bytes())
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     monkeypatch.chdir(tmp_path)

@@ -136,14 +136,17 @@ def odd_contracts() -> Iterator[tuple[str, dict[bytes, bytes], str]]:
     for value in (0, -1, int(huge), 1.5, True):
         yield f"dim {str(value)[:9]}", field_changed("elf.descriptors", dim=value), "'elf.descriptors'"
     for name, values in {
-        "value_range": (0.0, -1.0, float("nan"), float("inf")), "min_size": (0, -5, 10**6, int(huge)),
-        "multiple": (0, 10**6), "height": (-1, 20000), "width": (20000, 1e300), "batch": (2, -1), "channels": (0, 4),
-        "color": ("cmyk", 7), "layout": ("NCHW",), "dtype": ("uint8",), "name": (5,),
+        "value_range": (0.0, -1.0, float("nan"), float("inf")), "min_size": (0, -5, 8192, 10**6, int(huge)),
+        "multiple": (0, 10**6, 2000), "height": (-1, 20000), "width": (20000, 1e300), "batch": (2, -1),
+        "channels": (0, 4), "color": ("cmyk", 7), "layout": ("NCHW",), "dtype": ("uint8",), "name": (5,),
     }.items():  # fmt: skip
         for value in values:
             yield f"input {name} {str(value)[:9]}", field_changed("elf.input", **{name: value}), "'elf.input'"
     for name, value in {"scale": float("nan"), "max_keypoints": -1, "nms_radius": 1e300, "denoise": [4, 1]}.items():
         yield f"detection {name}", field_changed("elf.detection", **{name: value}), "'elf.detection'"
+    yield "a vast image", field_changed("elf.input", height=8000, width=8000), "'elf.input'"
+    yield "a vast field", {b"elf.receptive_field": b"1e6"}, "'elf.receptive_field'"
+    yield "no list", {b"elf.descriptors": b"{}"}, "'elf.descriptors'"
     yield "brackets", {b"elf.cost": b"[" * 100_000 + b"]" * 100_000}, "'elf.cost' is unreadable"
     yield "objects", {b"elf.parity": b'{"a":' * 100_000 + b"1" + b"}" * 100_000}, "'elf.parity' is unreadable"
     yield "cost text", {b"elf.cost": b'{"params": "many"}'}, "'elf.cost'"
@@ -191,6 +194,17 @@ def test_text_from_a_model_is_safe_to_print(tmp_path: Path, capsys: pytest.Captu
         ElfRuntime(path)
     assert "\x1b" not in str(error.value)
     assert len(str(error.value)) < 1500
+
+
+def test_figures_of_any_name_and_number(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    odd = json.dumps({"{x}": 1.0, "{": 2.0, **{f"figure {i}": float(i) for i in range(20_000)}}).encode()
+    path = tmp_path / "odd.onnx"
+    path.write_bytes(with_metadata({b"elf.parity": odd}))
+    assert info([str(path), "--provider", "cpu"]) == 0
+    said = capsys.readouterr().out
+    assert "{x}: 1\n" in said
+    assert "and 19982 more\n" in said
+    assert said.count("\n") < 80
 
 
 def test_weights_in_other_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
 
 import cv2
@@ -9,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from elf_runtime import DetectionParams, ElfRuntime, SettingError
+from elf_runtime import DetectionParams, ElfRuntime, ImageError, SettingError
 from elf_runtime.commands import detect as detect_command
 from elf_runtime.image import read, shrunk
 from elf_runtime.threshold import blurred, passing
@@ -127,8 +129,6 @@ def test_alpha_turns_with_the_picture(tmp_path: Path, orientation: int) -> None:
     image = np.dstack([textured(40, 60), textured(40, 60, 1)[:, :, 0]])
     data = cv2.imencode(".png", image)[1].tobytes()
     exif = b"MM\0*\0\0\0\x08\0\1\x01\x12\0\3\0\0\0\1" + bytes([0, orientation, 0, 0]) + bytes(4)
-    import zlib
-
     chunk = len(exif).to_bytes(4, "big") + b"eXIf" + exif + zlib.crc32(b"eXIf" + exif).to_bytes(4, "big")
     (tmp_path / "turned.png").write_bytes(data[:33] + chunk + data[33:])
     found = read(tmp_path / "turned.png")
@@ -136,6 +136,93 @@ def test_alpha_turns_with_the_picture(tmp_path: Path, orientation: int) -> None:
     np.testing.assert_array_equal(found[:, :, :3], colours)
     turns = {tuple(row) for row in np.dstack([found]).reshape(-1, 4).tolist()}
     assert turns == {tuple(row) for row in image.reshape(-1, 4).tolist()}  # each pixel kept its own alpha
+
+
+@pytest.mark.parametrize("shape", ["grey", "grey, one channel", "colour", "alpha"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_a_flat_margin_is_no_blank_image(elf: ElfRuntime, shape: str, dtype: type) -> None:
+    """Scans, letterboxed and undistorted pictures have columns and rows of one value."""
+    image = textured(160, 200)
+    for flat in (np.s_[:, :30], np.s_[:30], np.s_[:, 170:], np.s_[130:]):
+        picture = image.copy()
+        picture[flat] = 0
+        given = {"grey": picture[:, :, 0], "grey, one channel": picture[:, :, :1], "colour": picture}.get(
+            shape, np.dstack([picture, np.full((160, 200), 255, np.uint8)])
+        )
+        given = given.astype(dtype) * dtype(1 if dtype is np.uint8 else 257)
+        assert len(elf.detect(given)) > 20
+        assert elf.saliency(given).max() > 0
+    assert len(elf.detect(np.zeros_like(given))) == 0
+
+
+def png(width: int, height: int, *chunks: tuple[bytes, bytes]) -> bytes:
+    """A grey or coloured PNG from its chunks behind the header's."""
+    parts = [b"\x89PNG\r\n\x1a\n"]
+    for kind, data in chunks:
+        parts.append(len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big"))
+    return b"".join(parts)
+
+
+@pytest.mark.parametrize("before", [b"", b"IDAT in a comment", bytes(100_000)], ids=["none", "word", "long"])
+@pytest.mark.parametrize(("depth", "color"), [(8, 0), (16, 0), (4, 0), (8, 2), (8, 3)])
+def test_a_png_may_name_a_colour_that_is_no_image(tmp_path: Path, before: bytes, depth: int, color: int) -> None:
+    rng = np.random.default_rng(0)
+    values = rng.integers(0, 1 << depth, (40, 60))
+    values[:, :20] = 3  # what is transparent
+    if color == 0:
+        pixels = values.astype(">u2").view(np.uint8).reshape(40, 120) if depth == 16 else values.astype(np.uint8)
+        pixels = pixels[:, ::2] << 4 | pixels[:, 1::2] if depth == 4 else pixels
+        special = (3).to_bytes(2, "big")
+    elif color == 2:
+        pixels = np.repeat(values.astype(np.uint8), 3, axis=1)
+        special = (3).to_bytes(2, "big") * 3
+    else:
+        pixels, special = values.astype(np.uint8), bytes([255, 255, 255, 0])
+    raw = b"".join(b"\0" + row.tobytes() for row in pixels)
+    palette = [(b"PLTE", bytes(range(256)) * 3)] if color == 3 else []
+    header = struct.pack(">IIBBBBB", 60, 40, depth, color, 0, 0, 0)
+    data = png(60, 40, (b"IHDR", header), (b"tEXt", b"Comment\0" + before), *palette, (b"tRNS", special),
+               (b"IDAT", zlib.compress(raw)), (b"IEND", b""))  # fmt: skip
+    (tmp_path / "a.png").write_bytes(data)
+    found = read(tmp_path / "a.png")
+    assert found.shape == (40, 60, 4)
+    np.testing.assert_array_equal(found[:, :, 3] == 0, values == 3)
+    assert found.dtype == (np.uint16 if depth == 16 else np.uint8)
+
+
+@pytest.mark.parametrize("extra", [0, 1, 2, None])
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_a_tiff_s_fourth_channel_is_alpha_only_if_it_says_so(tmp_path: Path, extra: int | None, order: str) -> None:
+    pixels = textured(40, 60, channels=4)
+    pixels[:, :20, 3] = 0
+    tags = [(256, 4, 1, 60), (257, 4, 1, 40), (258, 3, 4, 200), (259, 3, 1, 1), (262, 3, 1, 2), (273, 4, 1, 300),
+            (277, 3, 1, 4), (278, 4, 1, 40), (279, 4, 1, pixels.size)]  # fmt: skip
+    tags += [(338, 3, 1, extra)] if extra is not None else []
+    rows = b"".join(
+        struct.pack(f"{order}HHI", tag, kind, count)
+        + (struct.pack(f"{order}HH", value, 0) if kind == 3 and count == 1 else struct.pack(f"{order}I", value))
+        for tag, kind, count, value in tags
+    )
+    head = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(f"{order}IH", 8, len(tags)) + rows + bytes(4)
+    data = head.ljust(200, b"\0") + struct.pack(f"{order}4H", 8, 8, 8, 8)
+    (tmp_path / "a.tiff").write_bytes(data.ljust(300, b"\0") + pixels.tobytes())
+    found = read(tmp_path / "a.tiff")
+    assert found.shape == (40, 60, 3 if extra == 0 else 4)
+    if extra != 0:
+        np.testing.assert_array_equal(found[:, :, 3], pixels[:, :, 3])
+
+
+def test_alpha_that_opencv_does_not_decode_is_no_secret(tmp_path: Path) -> None:
+    """A grey TIFF with alpha."""
+    pixels = textured(40, 60, channels=2)
+    tags = [(256, 4, 60), (257, 4, 40), (258, 3, 8), (259, 3, 1), (262, 3, 1), (273, 4, 300), (277, 3, 2), (278, 4, 40),
+            (279, 4, pixels.size), (338, 3, 2)]  # fmt: skip
+    rows = b"".join(struct.pack("<HHII", tag, kind, 1, value) for tag, kind, value in tags)
+    head = b"II*\0" + struct.pack("<IH", 8, len(tags)) + rows + bytes(4)
+    (tmp_path / "a.tiff").write_bytes(head.ljust(300, b"\0") + pixels.tobytes())
+    if cv2.imread(str(tmp_path / "a.tiff"), cv2.IMREAD_UNCHANGED) is not None:
+        with pytest.raises(ImageError, match=r"a\.tiff: the TIFF file has an alpha channel that OpenCV does not"):
+            read(tmp_path / "a.tiff")
 
 
 @pytest.mark.parametrize("pixels", [0, 1, 5, 100])

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import glob
 import os
+from collections import Counter
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 
 from elf_runtime.command import UsageError
@@ -32,7 +34,8 @@ def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | 
     dict
         Each image's path -> the name, without ending, of what is written for it, whatever else is in the run: its path
         as it is given, ``photos/x/1`` for ``../photos/x/1.jpg``; of an absolute one the part below the folder that is
-        given, or the file's name; with `base`, the part below that.
+        given, or the file's name; with `base`, the part below that.  The ending stays where the folder has an image
+        that differs in nothing else.
 
     Raises
     ------
@@ -74,9 +77,28 @@ def _name(path: Path, folder: Path, base: Path | None) -> Path:
         whole, start = Path(os.path.abspath(path)), os.path.abspath(base)
         if not whole.is_relative_to(start):
             raise UsageError(f"--base {base}: {path} is not below it")
-        return whole.relative_to(start).with_suffix("")
+        return _without_ending(whole.relative_to(start), path)
     below = path.relative_to(folder) if path.is_absolute() else path
-    return Path(*(part for part in below.parts if part != "..")).with_suffix("")
+    return _without_ending(Path(*(part for part in below.parts if part != "..")), path)
+
+
+def _without_ending(name: Path, path: Path) -> Path:
+    """`name` without its ending, unless another image of its folder differs in the ending only."""
+    try:
+        stems = _stems(path.parent, os.stat(path.parent).st_mtime_ns)
+    except OSError:  # the image has an error of its own
+        return name.with_suffix("")
+    return name if stems[path.stem] > 1 else name.with_suffix("")
+
+
+@lru_cache(maxsize=1024)
+def _stems(folder: Path, _: int) -> Counter[str]:
+    """How many images of a folder have a name; a picture that elf-detect wrote is none."""
+    images = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
+    counts = Counter(path.stem for path in images)
+    twice = [path for path in images if counts[path.stem] > 1 and path.suffix.lower() == ".png"]
+    counts.subtract(path.stem for path in twice if load_record(path.with_suffix(".npz")) is not None)
+    return counts
 
 
 def check_pictures(arguments: Sequence[str], paths: Sequence[Path], output: Path, recursive: bool) -> None:

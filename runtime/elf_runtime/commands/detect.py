@@ -34,6 +34,7 @@ For every image photos/NAME.jpg, DIR gets
                     nms_radius, and a record of image, model and settings
   photos/NAME.csv   x,y,score
   photos/NAME.png   a picture: keypoints, saliency and threshold side by side
+Where a folder has NAME.png too, they are called NAME.jpg.npz and so on.
 DIR mirrors the images' folders as they are given; of absolute paths what is below the folder given, or --base.
 Results of another image are never overwritten.
 Pixel centres are at whole numbers, (0, 0) is the centre of the top left pixel, as in OpenCV.
@@ -118,7 +119,7 @@ def _work(args: argparse.Namespace) -> int:
         results.append(result)
         command.say(_line(result), progress)
     if args.json:
-        images = [{k: v for k, v in result.items() if k != "asked"} for result in results]
+        images = [{k: v for k, v in result.items() if k != "fewer"} for result in results]
         command.write_json(args.json, {**_common.origin(elf, args), "images": images})
     return command.FAILED if any("error" in result for result in results) else 0
 
@@ -128,12 +129,10 @@ def _line(result: Mapping[str, Any]) -> str:
     first, *others = result["files"]
     files = ", ".join([first, *(Path(file).suffix for file in others)])
     if result["skipped"]:
-        return f"{result['image']}: skipped, {files} are of these pixels, model and settings"
-    count, asked = result["keypoints"], result["asked"]
+        return printable(f"{result['image']}: skipped, {files} are of these pixels, model and settings")
     height, width = result["size"]
-    # Who asks for 2000 and gets 413 wants to know why.
-    why = f" of {asked} asked for, no more pass the threshold (--threshold)" if asked and count < asked else ""
-    return f"{result['image']}: {count} keypoints{why}, {width}x{height}, {result['seconds']:.2f} s -> {files}"
+    count = f"{result['keypoints']} keypoints{result['fewer']}"
+    return printable(f"{result['image']}: {count}, {width}x{height}, {result['seconds']:.2f} s -> {files}")
 
 
 class _Run:
@@ -142,6 +141,8 @@ class _Run:
     def __init__(self, elf: ElfRuntime, args: argparse.Namespace, mask: Any) -> None:
         self._elf, self._args, self._mask = elf, args, mask
         self._written: dict[str, str] = {}  # results -> image
+        self._params = _common.params(elf, args)
+        self._asked = args.max_keypoints is not None or "max_keypoints" in dict(args.set)
         origin = _common.origin(elf, args)
         kept = ("model_sha256", "network", "layer", "descriptor", "settings")
         self._record = {name: origin[name] for name in kept} | {"ignore_exif": args.ignore_exif}
@@ -170,22 +171,34 @@ class _Run:
         trace = self._elf.trace(pixels, mask=self._mask, **_common.settings(self._args))
         seconds = time.perf_counter() - start
         stem.parent.mkdir(parents=True, exist_ok=True)
+        # First the record of whose results these are.  What is left of earlier ones goes before it comes: an image that
+        # is interrupted has files too few, never some of other settings.
+        for file in files[1:]:
+            Path(file).unlink(missing_ok=True)
+        trace.features.save(f"{stem}.npz", record)
+        trace.features.save(f"{stem}.csv")
         if not self._args.no_picture:
             picture = detection_picture(pixels, trace, _common.short_name(path))
             _common.write_picture(Path(f"{stem}.png"), picture)
-        trace.features.save(f"{stem}.csv")
-        trace.features.save(f"{stem}.npz", record)  # last: what it says of the others is true
         return {
             "image": str(path),
             "files": files,
             "size": list(trace.features.image_size),
             "keypoints": len(trace.features),
-            "asked": self._args.max_keypoints,
+            "fewer": self._why_fewer(len(trace.features)),
             "passed": float(trace.mask.mean()),
             "seconds": seconds,
             "stages": trace.seconds | {"read": read},
             "skipped": False,
         }
+
+    def _why_fewer(self, count: int) -> str:
+        """Who asks for 2000 and gets 413 wants to know why."""
+        if not self._asked or count >= self._params.max_keypoints:
+            return ""
+        masked = " and the mask" if self._mask is not None else ""
+        limit = "there are" if self._params.threshold == "none" else f"the threshold (--threshold){masked} let through"
+        return f" of {self._params.max_keypoints} asked for: {limit} no more"
 
     def _existing(self, record: Mapping[str, Any], files: Sequence[str]) -> bool:
         """Whether the files are there and need not be made again."""

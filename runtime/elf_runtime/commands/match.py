@@ -13,7 +13,7 @@ import numpy as np
 
 from elf_runtime import command
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.errors import SettingError
+from elf_runtime.errors import SettingError, printable
 from elf_runtime.features import Features
 from elf_runtime.files import write_atomically
 from elf_runtime.geometry import LEAST_MATCHES, TwoView, fit
@@ -117,7 +117,8 @@ def _work(args: argparse.Namespace) -> int:
         _save(args.save, pairs, (first, second), view)
     written = ", ".join(str(path) for path in (args.output, args.save) if path)
     line = f"{args.a}: {len(first)} keypoints, {args.b}: {len(second)} keypoints, {text}{at_best}"
-    command.say(line + (f" -> {written}" if written else ""), sys.stderr if args.json == "-" else sys.stdout)
+    line = printable(line + (f" -> {written}" if written else ""))
+    command.say(line, sys.stderr if args.json == "-" else sys.stdout)
     if args.json:
         command.write_json(args.json, _summary(args, elf, (first, second), len(pairs), view))
     return 0
