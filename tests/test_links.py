@@ -12,7 +12,12 @@ import pytest
 
 from helpers import ROOT
 
-ELSEWHERE = {"out", "build", "dist", "node_modules"}  # what git ignores; folders of installed packages begin with a dot
+ELSEWHERE = {
+    "out",
+    "build",
+    "dist",
+    "node_modules",
+}  # what git ignores; folders of installed packages begin with a dot
 HIDDEN = {".github"}
 OTHERS = {"docs/operators.md", "docs/OperatorKernels.md"}  # of onnx-tensorrt and of ONNX Runtime
 PAGE = re.compile(r"\b(?:docs|models|evaluation|examples|demo)/(?:[\w-]+/)*[\w-]+\.md\b")
@@ -65,7 +70,9 @@ def test_links_lead_somewhere(file: Path) -> None:
 
 def test_pages_that_code_names_are_there() -> None:
     sources = [ROOT / "Makefile", *files(".py", ".c", ".mjs", ".toml", ".yml", ".yaml")]
-    named = [(source, page) for source in sources for page in PAGE.findall(source.read_text(encoding="utf-8"))]
+    named = [
+        (source, page) for source in sources for page in PAGE.findall(source.read_text(encoding="utf-8"))
+    ]
     ours = [(source, page) for source, page in named if source != Path(__file__) and page not in OTHERS]
     missing = [
         f"{source.relative_to(ROOT)}: {page}"
@@ -79,7 +86,14 @@ def test_pages_that_code_names_are_there() -> None:
 def test_what_leads_nowhere_is_found(tmp_path: Path) -> None:
     page, other = tmp_path / "page.md", tmp_path / "other.md"
     other.write_text("# C++ and `x`\n\n## Twice\n\n## Twice\n\n```\n# no heading\n```\n", encoding="utf-8")
-    good = ["other.md", "other.md#c-and-x", "other.md#twice", "other.md#twice-1", "#top", "https://example.org/x"]
+    good = [
+        "other.md",
+        "other.md#c-and-x",
+        "other.md#twice",
+        "other.md#twice-1",
+        "#top",
+        "https://example.org/x",
+    ]
     bad = ["gone.md", "other.md#twice-2", "other.md#no-heading", "#bottom", "gone.png"]
     links = "\n".join(f"[text]({target})" for target in good + bad)
     code = "`[code](gone.md)`\n\n    [code](gone.md)"

@@ -12,7 +12,10 @@ import pytest
 
 from helpers import ROOT
 
-PAGES = {name: (ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/usage.md", "docs/quality.md")}
+PAGES = {
+    name: (ROOT / name).read_text(encoding="utf-8")
+    for name in ("README.md", "docs/usage.md", "docs/quality.md")
+}
 
 
 def run_the_block(page: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
@@ -58,5 +61,7 @@ def test_readme_gives_the_rows_of_the_quality_page() -> None:
 
 def test_readme_names_every_command() -> None:
     commands = re.findall(r"^\| `(elf-\w+) ", PAGES["README.md"], re.MULTILINE)
-    declared = re.findall(r"^(elf-\w+) = ", (ROOT / "pyproject.toml").read_text(encoding="utf-8"), re.MULTILINE)
+    declared = re.findall(
+        r"^(elf-\w+) = ", (ROOT / "pyproject.toml").read_text(encoding="utf-8"), re.MULTILINE
+    )
     assert sorted(commands) == sorted(declared)

@@ -29,10 +29,14 @@ def tool() -> dict[str, Any]:
 @pytest.fixture
 def content(tool: dict[str, Any]) -> dict[str, str]:
     """Name and text of each file in a sound wheel; texts of the packages' own files do not matter."""
-    lines = re.findall(r'^(elf-\w+ = )"(.+)"$', (ROOT / "pyproject.toml").read_text(encoding="utf-8"), re.MULTILINE)
+    lines = re.findall(
+        r'^(elf-\w+ = )"(.+)"$', (ROOT / "pyproject.toml").read_text(encoding="utf-8"), re.MULTILINE
+    )
     found = {name.split("/", 1)[1]: "" for name in tool["package_files"]()}
     found[f"{INFO}/METADATA"] = "".join(f"Requires-Dist: {text}\n" for text in DEPENDENCIES)
-    found[f"{INFO}/entry_points.txt"] = "[console_scripts]\n" + "".join(f"{name}{main}\n" for name, main in lines)
+    found[f"{INFO}/entry_points.txt"] = "[console_scripts]\n" + "".join(
+        f"{name}{main}\n" for name, main in lines
+    )
     return found | {f"{INFO}/licenses/LICENSE": ""}
 
 
@@ -51,7 +55,9 @@ def test_a_sound_wheel(tool: dict[str, Any], content: dict[str, str], tmp_path: 
 
 
 @pytest.mark.parametrize("name", [MODEL, "elf_runtime/py.typed", "elf_export/calibration_images/README.md"])
-def test_a_file_that_is_missing(tool: dict[str, Any], content: dict[str, str], name: str, tmp_path: Path) -> None:
+def test_a_file_that_is_missing(
+    tool: dict[str, Any], content: dict[str, str], name: str, tmp_path: Path
+) -> None:
     del content[name]
     assert faults(tool, content, tmp_path) == [f"a.whl lacks {name}"]
 
@@ -109,10 +115,25 @@ def test_targets_of_make_exist() -> None:
     assert targets == set(phony.split())
     workflow = (ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8")
     in_ci = set(re.findall(r"target: \[?([a-z-]+)", workflow))
-    assert in_ci == {"test-runtime", "test-lowest", "test-newest", "test-full", "lint", "demo", "release-check"}
+    assert in_ci == {
+        "test-runtime",
+        "test-lowest",
+        "test-newest",
+        "test-full",
+        "lint",
+        "demo",
+        "release-check",
+    }
     named = set(in_ci)
-    for file in (ROOT / ".pre-commit-config.yaml", *ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("m*/*.md")):
-        named |= set(re.findall(r"(?:^    |`|entry: )make ([a-z-]+)", file.read_text(encoding="utf-8"), re.MULTILINE))
+    for file in (
+        ROOT / ".pre-commit-config.yaml",
+        *ROOT.glob("*.md"),
+        *ROOT.glob("docs/*.md"),
+        *ROOT.glob("m*/*.md"),
+    ):
+        named |= set(
+            re.findall(r"(?:^    |`|entry: )make ([a-z-]+)", file.read_text(encoding="utf-8"), re.MULTILINE)
+        )
     assert named <= targets
 
 

@@ -36,6 +36,10 @@ def test_the_version_is_stated_in_one_place() -> None:
     for file in ("pyproject.toml", "CITATION.cff"):
         text = (ROOT / file).read_text(encoding="utf-8")
         assert re.findall(r"^version\b", text, re.MULTILINE) == [], file
-    sources = [path for folder in ("export", "runtime", "evaluation") for path in (ROOT / folder).rglob("*.py")]
-    stating = [path.parent.name for path in sources if re.search(r"^__version__\s*=", path.read_text("utf-8"), re.M)]
+    sources = [
+        path for folder in ("export", "runtime", "evaluation") for path in (ROOT / folder).rglob("*.py")
+    ]
+    stating = [
+        path.parent.name for path in sources if re.search(r"^__version__\s*=", path.read_text("utf-8"), re.M)
+    ]
     assert stating == ["elf_runtime"]
