@@ -2,15 +2,17 @@
 # make test    lint, types and all tests
 # Both do all the set-up, from nothing but Python and pip.  The runtime's environment has no PyTorch.
 PYTHON ?= python3
-PIP = -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+PIP = -m pip install --quiet --disable-pip-version-check
 RUNTIME = .venv/runtime
 FULL = .venv/full
 LOWEST = .venv/lowest
+NEWEST = .venv/newest
+RELEASE = .venv/release
 
 # A worker per core; each is busy by itself, so torch's own threads would only wait for one another.
 PYTEST = -m pytest -q --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test test-runtime test-lowest test-full lint bench mutants models clean
+.PHONY: demo test test-runtime test-lowest test-newest test-full lint bench mutants models release-check clean
 
 demo: $(RUNTIME)/ready
 	$(RUNTIME)/bin/elf-detect demo/palace.jpg -o out
@@ -27,6 +29,12 @@ test-runtime: $(RUNTIME)/ready
 # The same with the oldest versions that pyproject.toml allows; here elf-eval's plots too.
 test-lowest: $(LOWEST)/ready
 	$(LOWEST)/bin/python $(PYTEST) -m "not torch"
+
+# The same with the newest versions that there are today, which may be newer than those of constraints.txt.
+test-newest:
+	@$(PYTHON) -m venv $(NEWEST)
+	@$(NEWEST)/bin/python $(PIP) --upgrade --upgrade-strategy eager --editable . pytest pytest-xdist hypothesis
+	$(NEWEST)/bin/python $(PYTEST) -m "not torch"
 
 test-full: $(FULL)/ready
 	OMP_NUM_THREADS=1 $(FULL)/bin/python $(PYTEST)
@@ -46,26 +54,40 @@ mutants: $(FULL)/ready
 models: $(FULL)/ready
 	$(FULL)/bin/python tools/make_bundled_model.py
 
+# The source archive and the wheel in dist/, checked and installed: CONTRIBUTING.md has the release recipe.
+release-check: $(RELEASE)/ready
+	rm -rf dist
+	$(RELEASE)/bin/python -m build
+	$(RELEASE)/bin/twine check --strict dist/*
+	$(RELEASE)/bin/python tools/check_release.py dist
+
 $(RUNTIME)/ready: pyproject.toml constraints.txt
 	@echo "Setting up $(RUNTIME), once"
 	@$(PYTHON) -m venv $(RUNTIME)
-	@$(RUNTIME)/bin/python $(PIP) --editable . pytest pytest-xdist hypothesis
+	@$(RUNTIME)/bin/python $(PIP) --constraint constraints.txt --editable . pytest pytest-xdist hypothesis
 	@touch $@
 
-$(LOWEST)/ready: pyproject.toml constraints-lowest.txt
+# The tests' own tools are those of constraints.txt.
+$(LOWEST)/ready: pyproject.toml constraints-lowest.txt constraints.txt
 	@echo "Setting up $(LOWEST), once"
 	@$(PYTHON) -m venv $(LOWEST)
-	@$(LOWEST)/bin/python $(PIP:constraints.txt=constraints-lowest.txt) --editable ".[eval]" \
-		$(shell grep -E "^(pytest|pytest-xdist|hypothesis)==" constraints.txt)
+	@grep -E "^(pytest|pytest-xdist|hypothesis)==" constraints.txt | cat constraints-lowest.txt - > $(LOWEST)/constraints.txt
+	@$(LOWEST)/bin/python $(PIP) --constraint $(LOWEST)/constraints.txt --editable ".[eval]" pytest pytest-xdist hypothesis
 	@touch $@
 
 # torch first: whichever build the package index gives (the CPU one is enough) satisfies the rest.
 $(FULL)/ready: pyproject.toml constraints.txt
 	@echo "Setting up $(FULL), once; torch is large"
 	@$(PYTHON) -m venv $(FULL)
-	@$(FULL)/bin/python $(PIP) torch
-	@$(FULL)/bin/python $(PIP) --editable ".[dev]"
+	@$(FULL)/bin/python $(PIP) --constraint constraints.txt torch
+	@$(FULL)/bin/python $(PIP) --constraint constraints.txt --editable ".[dev]"
+	@touch $@
+
+$(RELEASE)/ready: constraints.txt
+	@echo "Setting up $(RELEASE), once"
+	@$(PYTHON) -m venv $(RELEASE)
+	@$(RELEASE)/bin/python $(PIP) --constraint constraints.txt build twine
 	@touch $@
 
 clean:
-	rm -rf .venv out
+	rm -rf .venv out dist
