@@ -13,7 +13,8 @@ import pytest
 
 from elf_runtime import DetectionParams, ElfRuntime, ImageError, SettingError
 from elf_runtime.commands import detect as detect_command
-from elf_runtime.image import read, shrunk
+from elf_runtime.image import read
+from elf_runtime.masks import shrunk
 from elf_runtime.threshold import blurred, passing
 from helpers import ROOT, textured
 

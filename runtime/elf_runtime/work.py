@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import image as images
+from . import masks
 from .contract import ModelContract
 from .contrast import window_for
 from .errors import ImageError, SettingError
@@ -127,9 +128,9 @@ def prepared(
     pixels = np.tile(pixels, (*working, 1)) if blank else images.resized(pixels, working)
     if spec.is_fixed:
         scale = float(np.sqrt(pixels.shape[0] / size[0] * pixels.shape[1] / size[1]))
-    allowed = images.seen(array, mask)
+    allowed = masks.seen(array, mask)
     if allowed is not None:
-        allowed = images.shrunk(allowed, _mask_border(params, contract.receptive_field, scale))
+        allowed = masks.shrunk(allowed, _mask_border(params, contract.receptive_field, scale))
     window = window_for(contract.receptive_field, (pixels.shape[0], pixels.shape[1]))
     gray_levels = 255.0 / spec.value_range * images.unused_range(array)
     return Work(pixels, size, scale, allowed, textured, window, gray_levels)
