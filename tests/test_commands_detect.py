@@ -285,6 +285,42 @@ def test_images_that_differ_in_their_ending_only(tmp_path: Path) -> None:
         assert results(tmp_path / "beside") == {"3.npz"}
 
 
+def test_a_link_and_its_file_are_two_images(tmp_path: Path) -> None:
+    image = write(tmp_path / "in" / "z.jpg")
+    (tmp_path / "in" / "a.jpg").symlink_to("z.jpg")
+    assert detect(tmp_path / "in", image, "-o", tmp_path / "out", "--no-picture") == 0
+    assert results(tmp_path / "out") == {"a.npz", "z.npz"}
+
+
+def test_an_image_that_fails_takes_no_name(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "q.png").write_bytes(b"GIF89a")
+    good = write(tmp_path / "b" / "q.png")
+    assert detect(tmp_path / "a" / "q.png", good, "-o", tmp_path / "out", "--no-picture") == 1
+    assert results(tmp_path / "out") == {"q.npz"}
+
+
+def test_pictures_beside_their_images_are_no_images_of_the_folder(tmp_path: Path) -> None:
+    image = write(tmp_path / "in" / "x.jpg")
+    assert detect(image, "-o", image.parent) == 0
+    for options in ([], ["--no-picture"]):
+        out = tmp_path / f"out{len(options)}"
+        assert detect(image.parent, "-o", out, *options) == 0
+        assert results(out) == {"x.npz"}
+    own = write(tmp_path / "own" / "y.png")
+    for _ in range(2):  # its own features beside it do not make it a picture of ours
+        assert detect(own, "-o", own.parent, "--no-picture") == 0
+        assert detect(own.parent, "-o", tmp_path / "out") == 0
+    assert "y.npz" in results(tmp_path / "out")
+
+
+def test_skipping_and_overwriting_together(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    image, out = write(tmp_path / "1.jpg"), tmp_path / "out"
+    for said in (" keypoints", ": skipped, "):
+        assert detect(image, "-o", out, "--skip-existing", "--overwrite") == 0
+        assert said in capsys.readouterr().out
+
+
 def test_a_file_of_somebody_else_s_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     image = write(tmp_path / "1.jpg")
     for name in ("1.npz", "1.csv", "1.png"):

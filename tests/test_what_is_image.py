@@ -243,3 +243,34 @@ def test_a_mask_border_is_auto_or_pixels(elf: ElfRuntime, value: object) -> None
         return
     with pytest.raises(SettingError, match="mask_border is 'auto' or an integer >= 0"):
         elf.params(mask_border=value)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_planar_tiffs_and_pams_with_alpha_are_not_misread(tmp_path: Path, bits: int) -> None:
+    """OpenCV decodes some of them to other pixels."""
+    pixels = textured(40, 60).astype(np.uint8 if bits == 8 else np.uint16)
+    size = pixels[:, :, 0].nbytes
+    tags = [(256, 4, 1, 60), (257, 4, 1, 40), (258, 3, 3, 200), (259, 3, 1, 1), (262, 3, 1, 2), (273, 4, 3, 220),
+            (277, 3, 1, 3), (278, 4, 1, 40), (279, 4, 3, 240), (284, 3, 1, 2)]  # fmt: skip
+    rows = b"".join(struct.pack("<HHII", *tag) for tag in tags)
+    head = (b"II*\0" + struct.pack("<IH", 8, len(tags)) + rows + bytes(4)).ljust(200, b"\0")
+    head = (head + struct.pack("<3H", bits, bits, bits)).ljust(220, b"\0")
+    head += struct.pack("<3I", *(300 + size * i for i in range(3))).ljust(20, b"\0") + struct.pack("<3I", *[size] * 3)
+    planes = b"".join(pixels[:, :, c].tobytes() for c in (2, 1, 0))  # red first
+    (tmp_path / "planar.tiff").write_bytes(head.ljust(300, b"\0") + planes)
+    if bits == 8:
+        np.testing.assert_array_equal(read(tmp_path / "planar.tiff"), pixels)
+    else:
+        with pytest.raises(ImageError, match="it is a planar TIFF of 16 bits, which OpenCV misreads; convert it"):
+            read(tmp_path / "planar.tiff")
+    for depth in (2, 4):
+        data = f"P7\nWIDTH 60\nHEIGHT 40\nDEPTH {depth}\nMAXVAL 255\nENDHDR\n".encode() + bytes(60 * 40 * depth)
+        (tmp_path / "a.pam").write_bytes(data)
+        with pytest.raises(ImageError, match="it is a PAM picture with alpha, which OpenCV misreads"):
+            read(tmp_path / "a.pam")
+
+
+def test_alpha_that_is_no_number(elf: ElfRuntime) -> None:
+    image = np.dstack([textured(64, 80) / 255.0, np.full((64, 80), np.nan)])
+    with pytest.raises(ImageError, match="alpha has NaN or infinite values"):
+        elf.detect(image)

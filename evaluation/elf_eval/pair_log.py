@@ -37,7 +37,7 @@ class PairLog:
     def _read(self, line: bytes) -> bool:
         try:
             check, key, values = json.loads(line)
-            whole = bool(check == _checksum(key, values))
+            whole = bool(check == _checksum(key, values)) and isinstance(key, str)
         except (ValueError, TypeError, RecursionError):
             return False
         if whole:

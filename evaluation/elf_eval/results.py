@@ -17,6 +17,7 @@ import onnxruntime
 
 import elf_runtime
 from elf_runtime.files import write_atomically
+from elf_runtime.filetype import open_regular
 
 from .errors import EvalError, reason
 
@@ -86,22 +87,37 @@ class Results:
             If the file is missing, no results, or of another schema.
         """
         try:
-            data = json.loads(path.read_text())
+            with open_regular(path) as file:
+                data = json.loads(file.read())
             schema = data.pop("schema", None)
             if schema != SCHEMA:
                 raise EvalError(
                     f"{path}: results of schema {schema}, this version reads {SCHEMA}; run it again"
                 )
             data["pairs"] = [PairResult(**pair) for pair in data["pairs"]]
-            return cls(**data)
+            found = cls(**data)
+            _check(found)
+            return found
         except OSError as error:
             raise EvalError(f"{path}: {reason(error)}") from error
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise EvalError(f"{path}: not a results file of elf-eval run: {error}") from error
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise EvalError(f"{path}: not a results file of elf-eval run") from error
 
     def of(self, dataset: str, method: str, counts: str) -> list[PairResult]:
         """One method's pairs on one dataset."""
         return [p for p in self.pairs if (p.dataset, p.method, p.counts) == (dataset, method, counts)]
+
+
+def _check(results: Results) -> None:
+    """Raise TypeError where a part is not of its kind."""
+    objects = [results.protocol, results.versions, *results.methods, *results.datasets]
+    metrics = [value for pair in results.pairs for value in pair.metrics.values()]
+    if not (isinstance(results.methods, list) and isinstance(results.datasets, list)):
+        raise TypeError("methods and datasets are lists")
+    if not all(isinstance(part, dict) for part in objects):
+        raise TypeError("protocol, versions, methods and datasets hold objects")
+    if not all(value is None or isinstance(value, (int, float)) for value in metrics):
+        raise TypeError("metrics are numbers")
 
 
 def rounded(metrics: Mapping[str, float | None]) -> dict[str, float | None]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import signal
 import sys
 import threading
@@ -11,6 +12,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
+
+import cv2
 
 from . import __version__
 from .errors import ElfError, SettingError, one_line, printable, reason
@@ -59,6 +62,11 @@ def run(
         carried out, 130 after Ctrl-C, 143 after SIGTERM.
     """
     print_anything()
+    if "OPENCV_LOG_LEVEL" not in os.environ:
+        # What OpenCV logs of a damaged file is said in one line.  Its versions have the function in two places.
+        set_level = getattr(getattr(cv2.utils, "logging", cv2), "setLogLevel", None)
+        if set_level is not None:
+            set_level(0)
     args = parser.parse_args(argv)
     try:
         with terminable():

@@ -64,6 +64,8 @@ def to_pixels(image: npt.NDArray[Any], spec: InputSpec) -> Array:
     if 0 in image.shape[:2]:
         raise ImageError(f"the image is empty: shape {image.shape}")
     if image.ndim == 3 and image.shape[2] == 4:
+        if image.dtype.kind == "f" and not np.isfinite(image[:, :, 3]).all():
+            raise ImageError("the image's alpha has NaN or infinite values")
         image = image[:, :, :3]
     if image.dtype.kind == "f":
         low, high = float(image.min()), float(image.max())

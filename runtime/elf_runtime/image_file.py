@@ -75,8 +75,12 @@ def _decoded(data: npt.NDArray[np.uint8], header: Header | None, ignore_exif: bo
     if header is None:
         what, unknown = description(data.tobytes()), "not an image that OpenCV can decode"
         raise ImageError(f"{unknown}: it is {what}" if what else unknown)
+    if header.misread:
+        raise ImageError(f"it is {header.misread}, which OpenCV misreads; convert it, to a PNG for example")
     whole = not is_cut_off(data.tobytes(), header)
     pixels = _opencv(data, flags) if whole else None
+    if pixels is None and whole and header.alpha != NEVER:
+        pixels = _opencv(data, cv2.IMREAD_UNCHANGED)  # some are decoded with their alpha only
     if pixels is None:
         why = "damaged, or of a variant that OpenCV can't decode" if whole else "cut off: data are missing at its end"
         raise ImageError(f"the {header.kind} file is {why}")

@@ -32,6 +32,8 @@ class Header:
         Whether its pixels have an alpha channel.
     transparent : int, optional
         Of a grey picture without one, the pixel value that stands for no image.
+    misread : str
+        What OpenCV decodes to other pixels than the file's, if it is that.
     """
 
     kind: str
@@ -39,6 +41,7 @@ class Header:
     height: int = 0
     alpha: int = 0
     transparent: int | None = None
+    misread: str = ""
 
 
 def read_header(file: BinaryIO) -> Header | None:
@@ -185,25 +188,33 @@ def _tiff(head: bytes, file: BinaryIO) -> _Sides:
             place = file.read(8)
         found[tag] = struct.unpack_from(order + code, place)[0]
     width, height = found.get(256, 0), found.get(257, 0)
+    if found.get(284) == 2 and found.get(277, 1) > 1 and found.get(258, 8) != 8:
+        return width, height, NEVER, None, f"a planar TIFF of {found[258]} bits"
     if 338 in found:  # ExtraSamples: 1 and 2 are alpha, 0 is anything else, such as infrared
         return width, height, SURELY if found[338] in (1, 2) else NEVER
     # OpenCV itself writes four channels of an RGB picture without saying what the fourth is.
     return width, height, MAYBE if (found.get(277, 1), found.get(262)) == (4, 2) else NEVER
 
 
-def _text(pattern: bytes, alpha: int = NEVER) -> _Parser:
+def _text(pattern: bytes) -> _Parser:
     def parse(head: bytes, _: BinaryIO) -> _Sides:
         found = re.search(pattern, re.sub(rb"#[^?\n][^\n]*\n", b"\n", head))
-        return (int(found["w"]), int(found["h"]), alpha) if found else (0, 0, alpha)
+        return (int(found["w"]), int(found["h"]), NEVER) if found else (0, 0, NEVER)
 
     return parse
+
+
+def _pam(head: bytes, _: BinaryIO) -> _Sides:
+    stated = dict(re.findall(rb"^(WIDTH|HEIGHT|DEPTH)\s+(\d{1,12})", head.partition(b"ENDHDR")[0], re.MULTILINE))
+    width, height, depth = (int(stated.get(name, 0)) for name in (b"WIDTH", b"HEIGHT", b"DEPTH"))
+    return width, height, NEVER, None, "a PAM picture with alpha" if depth in (2, 4) else ""
 
 
 def _jp2(head: bytes, _: BinaryIO) -> _Sides:
     at = head.find(b"ihdr")
     if at >= 0:
         height, width, channels = struct.unpack_from(">IIH", head, at + 4)
-        return width, height, MAYBE if channels in (2, 4) else NEVER
+        return width, height, {2: SURELY, 4: MAYBE}.get(channels, NEVER)
     right, bottom, left, top = struct.unpack_from(">IIII", head, head.find(b"\xff\x51") + 6)
     return right - left, bottom - top, MAYBE
 
@@ -238,7 +249,7 @@ _KINDS: tuple[tuple[bytes, str, _Parser], ...] = (
     (rb"II\*\0|MM\0\*|II\+\0|MM\0\+", "TIFF", _tiff),
     (rb"GIF8[79]a", "GIF", _fixed("<HH", 6, MAYBE)),
     (rb"P[1-6]\s", "PNM", _text(rb"^P[1-6]\s+(?P<w>\d{1,12})\s+(?P<h>\d{1,12})")),
-    (rb"P7\s", "PAM", _text(rb"WIDTH\s+(?P<w>\d{1,12})[\s\S]*?HEIGHT\s+(?P<h>\d{1,12})", alpha=MAYBE)),
+    (rb"P7\s", "PAM", _pam),
     (rb"P[Ff]\s", "PFM", _text(rb"^P[Ff]\s+(?P<w>\d{1,12})\s+(?P<h>\d{1,12})")),
     (rb"#\?R", "HDR", _text(rb"[-+]Y\s+(?P<h>\d{1,12})\s+[-+]X\s+(?P<w>\d{1,12})")),
     (rb"\0\0\0\x0cjP  |\xff\x4f\xff\x51", "JPEG 2000", _jp2),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -143,7 +144,7 @@ def test_the_system_s_errors_name_the_file_once(command, results, tmp_path, caps
     say = [f"{missing}: No such file or directory"]
     assert error_of(["run", missing, "--out", str(tmp_path / "o")], capsys) == say
     assert error_of(["report", missing], capsys) == say
-    assert error_of(["compare", results, str(tmp_path)], capsys) == [f"{tmp_path}: Is a directory"]
+    assert error_of(["compare", results, str(tmp_path)], capsys) == [f"{tmp_path}: not a file but a folder"]
     redraw = ["pareto", missing, results, "--image", missing, "--out", missing, "--redraw"]
     assert error_of(redraw, capsys) == [f"{missing}.json: No such file or directory"]
     (tmp_path / "d" / "i_light").mkdir(parents=True)
@@ -281,3 +282,15 @@ def test_every_option_has_its_help():
     for name, parser in commands.choices.items():
         assert [action.dest for action in parser._actions if not action.help] == [], name
     assert "what to choose by (ms)" in commands.choices["sweep"].format_help()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"protocol": None}, {"versions": "x"}, {"datasets": None}, {"datasets": [1]}, {"methods": {"a": 1}}, {"pairs": 5}],
+)
+def test_odd_results_are_no_results(results, tmp_path, capsys, change):
+    data = json.loads(Path(results).read_text())
+    odd = tmp_path / "odd.json"
+    for text in (json.dumps({**data, **change}), "null", "[]", "[" * 100_000, "{"):
+        odd.write_text(text)
+        assert error_of(["compare", results, str(odd)], capsys) == [f"{odd}: not a results file of elf-eval run"]

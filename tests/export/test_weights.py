@@ -7,6 +7,7 @@ import os
 import time
 import zipfile
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import h5py
@@ -16,6 +17,7 @@ import pytest
 import torch
 from onnx import helper, numpy_helper
 from safetensors.numpy import save_file
+from safetensors.torch import save_file as save_torch
 
 from elf_export import WeightsError
 from elf_export.networks import get_network, network_names
@@ -147,7 +149,7 @@ def test_a_pickle_that_runs_code_is_refused(tmp_path: Path, monkeypatch: pytest.
         (b"some text", "not a .pth.* file: it is text"),
         (b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\n", "a git-lfs pointer"),
         (b"<html>Not found</html>", "a web page"),
-        (b"PK\x03\x04 broken", "unreadable"),
+        (b"PK\x03\x04 broken", "damaged or cut off"),
         (b"\x89HDF\r\n\x1a\n broken", "unreadable"),
         (b"\x80\x02 broken", "unreadable"),
         (b"\x08\x08 broken", "unreadable"),
@@ -189,9 +191,18 @@ def test_weights_that_nobody_should_wait_for(tmp_path: Path) -> None:
         group["w"] = np.zeros(3, np.float32)
     with h5py.File(tmp_path / "loop.h5", "w") as file:
         file.create_group("a")["back"] = file["/"]
-    for name in ("deep.h5", "loop.h5"):
-        with pytest.raises(WeightsError, match=f"{name}: its groups are nested more than 64 deep"):
+    with pytest.raises(WeightsError, match=r"deep.h5: its groups are nested more than 64 deep"):
+        load_weights(VGG, LAYERS, tmp_path / "deep.h5")
+    with h5py.File(tmp_path / "many.h5", "w") as file:  # 2^40 ways to its end
+        groups = [file.create_group(f"L{i}") for i in range(40)]
+        for one, other in pairwise(groups):
+            one["a"] = one["b"] = other
+    for name in ("loop.h5", "many.h5"):
+        with pytest.raises(WeightsError, match=f"{name}: holds no tensors"):
             load_weights(VGG, LAYERS, tmp_path / name)
+    torch.save({"w": torch.zeros(1).expand(1 << 30)}, tmp_path / "view.pth")
+    with pytest.raises(WeightsError, match=r"view.pth: holds 4.0 GiB"):
+        load_weights(VGG, LAYERS, tmp_path / "view.pth")
     with h5py.File(tmp_path / "large.h5", "w") as file:
         file.create_dataset("w", (30_000, 30_000), np.float32, chunks=True, compression="gzip")
     with zipfile.ZipFile(tmp_path / "large.npz", "w", zipfile.ZIP_DEFLATED) as archive:
@@ -211,11 +222,25 @@ def test_weights_that_nobody_should_wait_for(tmp_path: Path) -> None:
     assert time.monotonic() - begun < 30
 
 
+def test_parameters_and_halves_are_weights_too(tmp_path: Path) -> None:
+    state = {name: torch.nn.Parameter(torch.tensor(value)) for name, value in TENSORS.items()}
+    torch.save(state, tmp_path / "parameters.pth")
+    assert fingerprint(load_weights(VGG, LAYERS, tmp_path / "parameters.pth").tensors) == fingerprint(TENSORS)
+    save_torch({name: value.detach().bfloat16() for name, value in state.items()}, tmp_path / "half.safetensors")
+    half = load_weights(VGG, LAYERS, tmp_path / "half.safetensors").tensors
+    for name, value in TENSORS.items():
+        np.testing.assert_allclose(half[name], value, rtol=1e-2, atol=1e-2)
+    torch.save(torch.nn.Conv2d(1, 1, 1), tmp_path / "module.pth")
+    with pytest.raises(WeightsError, match=r"module.pth: holds more than tensors.*state_dict\(\) instead"):
+        load_weights(VGG, LAYERS, tmp_path / "module.pth")
+
+
 def test_links_out_of_a_file_are_not_followed(tmp_path: Path) -> None:
     write_h5(tmp_path / "real.h5")
     with h5py.File(tmp_path / "links.h5", "w") as file:
         for block in ("block1_conv1", "block1_conv2", "block2_conv1", "block2_conv2"):
             file[block] = h5py.ExternalLink(str(tmp_path / "real.h5"), f"/{block}")
+        file.create_dataset("outside", (2,), "f4", external=[(str(tmp_path / "real.h5"), 0, 8)])
     with pytest.raises(WeightsError, match="holds no tensors"):
         load_weights(VGG, LAYERS, tmp_path / "links.h5")
 

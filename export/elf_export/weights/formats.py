@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 import zipfile
 from collections.abc import Callable, Iterator
@@ -76,7 +77,8 @@ def _reader_for(path: Path, head: bytes) -> Callable[[Path], dict[str, Array]]:
                 names = archive.namelist()
                 unpacked = sum(member.file_size for member in archive.infolist())
         except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
-            raise WeightsError(f"{path}: unreadable as a zip archive (.pth, .keras, .npz): {error}") from error
+            kind = "a zip archive (.pth, .keras, .npz) that is damaged or cut off"
+            raise WeightsError(f"{path}: {kind}: {error}") from error
         _check_bytes(path, unpacked)
         if any(name.endswith(".weights.h5") for name in names):
             return _read_keras
@@ -100,24 +102,41 @@ def _read_npz(path: Path) -> dict[str, Array]:
 def _read_torch(path: Path) -> dict[str, Array]:
     import torch
 
-    state: Any = torch.load(path, map_location="cpu", weights_only=True)
+    try:
+        state: Any = torch.load(path, map_location="cpu", weights_only=True)
+    except pickle.UnpicklingError as error:
+        if "Unsupported global" not in str(error):
+            raise WeightsError(f"{path}: unreadable as torch: the pickle is damaged, or of another kind") from error
+        raise WeightsError(
+            f"{path}: holds more than tensors, a pickled module for example, which may run any code; save the module's "
+            "state_dict() instead"
+        ) from error
     for key in ("state_dict", "model_state_dict", "model"):
         if isinstance(state, dict) and isinstance(state.get(key), dict):
             state = state[key]
     if not isinstance(state, dict):
         raise WeightsError(f"{path}: holds a {type(state).__name__}, not a state dict")
     found = {str(name): value for name, value in state.items() if isinstance(value, torch.Tensor)}
+    return {name.removeprefix("module."): value for name, value in _from_torch(path, found).items()}
+
+
+def _from_torch(path: Path, found: dict[str, Any]) -> dict[str, Array]:
     for name, value in found.items():
         if value.is_complex():
             raise WeightsError(f"{path}: the tensor {name!r} is of {value.dtype}; networks have real numbers")
-    return {name.removeprefix("module."): value.float().numpy() for name, value in found.items()}
+    _check_bytes(path, sum(4 * value.numel() for value in found.values()))  # a view may be far larger than its values
+    return {name: value.detach().float().numpy() for name, value in found.items()}
 
 
 def _read_safetensors(path: Path) -> dict[str, Array]:
-    from safetensors.numpy import load_file
+    try:
+        from safetensors.torch import load_file as load_torch
+    except ImportError:
+        from safetensors.numpy import load_file
 
-    loaded: dict[str, Array] = load_file(path)
-    return loaded
+        loaded: dict[str, Array] = load_file(path)
+        return loaded
+    return _from_torch(path, load_torch(path))  # knows bfloat16 and float8, which numpy does not
 
 
 def _read_hdf5(path: Path) -> dict[str, Array]:
@@ -146,7 +165,7 @@ def _members(file: Any, path: Path) -> Iterator[tuple[str, Any]]:
     """Every dataset of floats by its name; links to other places and files are not followed."""
     import h5py
 
-    groups = [("", file, 0)]
+    groups, visited = [("", file, 0)], set()
     while groups:
         prefix, group, depth = groups.pop()
         if depth > DEEPEST:
@@ -156,8 +175,11 @@ def _members(file: Any, path: Path) -> Iterator[tuple[str, Any]]:
                 continue
             item = group[name]
             if isinstance(item, h5py.Group):
-                groups.append((f"{prefix}{name}/", item, depth + 1))
-            elif isinstance(item, h5py.Dataset) and item.dtype.kind == "f":
+                place = h5py.h5o.get_info(item.id).addr
+                if place not in visited:  # several links may lead to a group, and in circles
+                    visited.add(place)
+                    groups.append((f"{prefix}{name}/", item, depth + 1))
+            elif isinstance(item, h5py.Dataset) and item.dtype.kind == "f" and not (item.external or item.is_virtual):
                 yield f"{prefix}{name}", item
 
 

@@ -15,6 +15,9 @@ from elf_runtime.files import real
 
 from ._common import IMAGE_SUFFIXES
 
+# What builds of OpenCV may decode too, where such files are named.
+_OTHER_SUFFIXES = frozenset((".avif", ".exr", ".gif", ".hdr", ".jpe", ".pam", ".pfm", ".pic", ".ras", ".sr"))
+
 
 def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | None = None) -> dict[Path, Path]:
     """Files, the image files of folders (sorted), and what patterns match; each file once.
@@ -23,7 +26,8 @@ def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | 
     ----------
     arguments : sequence of str
     recursive : bool
-        Whether a folder's subfolders count, links to folders not; hidden files and folders never do.
+        Whether a folder's subfolders count, links to folders not; hidden files and folders never do, nor pictures that
+        elf-detect wrote.
     base : Path, optional
         See below.
 
@@ -48,7 +52,8 @@ def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | 
         if path.is_dir():
             entries = path.rglob("*") if recursive else path.iterdir()
             shown = (p for p in entries if not any(part.startswith(".") for part in p.relative_to(path).parts))
-            inside = sorted(p for p in shown if p.suffix.lower() in IMAGE_SUFFIXES and p.is_file())
+            images = (p for p in shown if p.suffix.lower() in IMAGE_SUFFIXES and p.is_file())
+            inside = sorted(p for p in images if not _is_written(p))
             if not inside:
                 place = " or below it" if recursive else "; --recursive looks below it too"
                 raise UsageError(
@@ -64,10 +69,10 @@ def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | 
         else:
             found.append((path, path.parent))
     names: dict[Path, Path] = {}
-    seen: set[Path] = set()
+    seen: set[str] = set()
     for path, folder in found:
-        if real(path) not in seen:
-            seen.add(real(path))
+        if os.path.abspath(path) not in seen:
+            seen.add(os.path.abspath(path))
             names[path] = _name(path, folder, base)
     return names
 
@@ -94,11 +99,18 @@ def _without_ending(name: Path, path: Path) -> Path:
 @lru_cache(maxsize=1024)
 def _stems(folder: Path, _: int) -> Counter[str]:
     """How many images of a folder have a name; a picture that elf-detect wrote is none."""
-    images = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
+    images = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES | _OTHER_SUFFIXES]
     counts = Counter(path.stem for path in images)
-    twice = [path for path in images if counts[path.stem] > 1 and path.suffix.lower() == ".png"]
-    counts.subtract(path.stem for path in twice if load_record(path.with_suffix(".npz")) is not None)
+    counts.subtract(path.stem for path in images if counts[path.stem] > 1 and _is_written(path))
     return counts
+
+
+def _is_written(path: Path) -> bool:
+    """Whether an image is a picture that elf-detect wrote of another one."""
+    if path.suffix.lower() != ".png":
+        return False
+    record = load_record(path.with_suffix(".npz"))
+    return record is not None and record.get("image") != os.path.realpath(path)
 
 
 def check_pictures(arguments: Sequence[str], paths: Sequence[Path], output: Path, recursive: bool) -> None:
@@ -126,5 +138,5 @@ def check_pictures(arguments: Sequence[str], paths: Sequence[Path], output: Path
                 "give a folder outside it, or --no-picture"
             )
     for path in paths:
-        if path.suffix.lower() == ".png" and load_record(path.with_suffix(".npz")) is not None:
+        if _is_written(path):
             raise UsageError(f"{path} is a picture that elf-detect wrote; leave it out, or --no-picture")

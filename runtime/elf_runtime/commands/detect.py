@@ -165,6 +165,7 @@ class _Run:
         except OSError as error:
             raise ImageError(f"{path}: {reason(error)}") from error
         if self._existing(record, files):
+            self._written[files[0]] = record["image"]
             return {"image": str(path), "files": files, "skipped": True}
         pixels = _common.read_image(path, self._args)
         read = time.perf_counter() - start
@@ -176,6 +177,7 @@ class _Run:
         for file in files[1:]:
             Path(file).unlink(missing_ok=True)
         trace.features.save(f"{stem}.npz", record)
+        self._written[files[0]] = record["image"]
         trace.features.save(f"{stem}.csv")
         if not self._args.no_picture:
             picture = detection_picture(pixels, trace, _common.short_name(path))
@@ -206,14 +208,17 @@ class _Run:
         found = load_record(files[0])
         if files[0] in self._written:
             raise ElfError(f"{files[0]} holds the results of {self._written[files[0]]}; give another -o, or --base")
-        self._written[files[0]] = record["image"]
-        if not there or self._args.overwrite:
+        if not there:
+            return False
+        same = found == json.loads(json.dumps(record)) and len(there) == len(files)
+        if self._args.skip_existing and same:
+            return True
+        if self._args.overwrite:
             return False
         if found is None or found.get("image") != record["image"]:
             whose = "is no result of elf-detect" if found is None else f"holds the results of {found.get('image')}"
             raise ElfError(f"{there[0]} {whose}; give another -o, or --base, or --overwrite")
-        same = found == json.loads(json.dumps(record))
-        return bool(self._args.skip_existing and len(there) == len(files) and same)
+        return False
 
 
 def _endings(args: argparse.Namespace) -> list[str]:
