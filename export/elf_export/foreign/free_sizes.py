@@ -195,7 +195,7 @@ def _works(
 ) -> Sizes | str:
     """`sizes` with the multiple and the smallest size that the model needs, why not if it takes none of them."""
     if expected is not None and (
-        reason := _unlike(runner.outputs_at(image.size), expected, "the file as it stands")
+        reason := unlike(runner.outputs_at(image.size), expected, "the file as it stands gives")
     ):
         return reason
     reason = ""
@@ -276,16 +276,16 @@ def _fails(runner: Runner, sizes: Sizes, size: tuple[int, int]) -> str:
         apart = [runner.outputs(pair[i : i + 1]) for i in range(2)]
     except Exception as error:  # onnxruntime's own exceptions share no base of theirs
         return first_line(error)
-    return _unlike(
-        together, [np.concatenate(maps) for maps in zip(*apart, strict=True)], "each of its images alone"
+    return unlike(
+        together, [np.concatenate(maps) for maps in zip(*apart, strict=True)], "each of its images alone gives"
     )
 
 
-def _unlike(found: list[Map], wanted: list[Map], other: str) -> str:
+def unlike(found: list[Map], wanted: list[Map], other: str) -> str:
     """How results differ from wanted ones, those of `other`; empty if they don't."""
     for a, b in zip(found, wanted, strict=True):
         if not (np.isfinite(a).all() and np.isfinite(b).all()):
             return "it gives NaN or infinite values on noise"
         if a.shape != b.shape or float(np.abs(a - b).max(initial=0)) > SAME * float(np.abs(b).max(initial=0)):
-            return f"it does not give what {other} gives"
+            return f"it does not give what {other}"
     return ""

@@ -20,6 +20,7 @@ from elf_export.receptive_field import WORKING_SIZE, Field, measured, receptive_
 
 from .free_sizes import Sizes, free_sizes, with_sizes
 from .image_input import ImageInput, find_image_input
+from .unchanged import unchanged
 from .layers import resolve_layer
 
 MEASURED_AT = (224, 256)  # about so many pixels of height and width
@@ -65,7 +66,7 @@ def prepare(
     Raises
     ------
     ExportError
-        From `find_image_input`, `resolve_layer`, `convert_opset` or `free_sizes`.
+        From `find_image_input`, `resolve_layer`, `convert_opset`, `free_sizes` or `unchanged`.
     """
     image = find_image_input(model, image_input)
     names = tuple(resolve_layer(model, layer) for layer in layers)
@@ -78,17 +79,16 @@ def prepare(
         raise LayerError(
             f"the layer needs more inputs than the image: {others}; choose one before they come in"
         )
-    trunk = single_precision(trunk, [image.name])
-    notes: tuple[str, ...] = ()
+    before, notes = in_floats(single_precision(trunk, [image.name]))
     if opset is None:
-        trunk, notes = in_known_opset(trunk, image, names[:1], least_opset)
+        trunk, more = in_known_opset(before, image, names[:1], least_opset)
     else:
-        trunk = convert_opset(trunk, opset)
-    trunk, more = in_floats(trunk)
+        trunk, more = convert_opset(before, opset), ()
     require_floats(trunk, names)
     require_no_rounding(trunk, image)
     trunk, sizes = free_sizes(trunk, image, largest_stride(trunk, image))
-    return Source(trunk, image, sizes, names, (*notes, *more))
+    notes = (*notes, *more, *unchanged(before, trunk, image, sizes))
+    return Source(trunk, image, sizes, names, notes)
 
 
 def in_known_opset(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import onnx
-from onnx import version_converter
+from onnx import helper, version_converter
 
 from elf_export.errors import ExportError
+from elf_export.graph import Graph, attributes, nested_graphs
 from elf_runtime.errors import first_line
 
 OPSETS = range(11, 21)
 OLD_MODELS = 13  # what a model of an older opset becomes: the rules know it, and most converters reach it
+COORDINATES_SINCE = 11  # the opset from which Resize states where its pixels lie
 MAX_IR_VERSION = 10  # what onnxruntime of the last years loads
 
 
@@ -43,8 +45,31 @@ def convert_opset(model: onnx.ModelProto, wanted: int | None = None) -> onnx.Mod
                 f"the model is of opset {own}, and onnx {onnx.__version__} can't convert it to {target}: {reason}.  "
                 f"{advice}"
             ) from error
+        if own < COORDINATES_SINCE <= target:
+            _place_as_before(result)
     result.ir_version = min(max(result.ir_version, 7), MAX_IR_VERSION)
     return result
+
+
+def _place_as_before(model: onnx.ModelProto) -> None:
+    """Give every Resize the places of pixels that Upsample, and Resize of opset 10, mean without saying so.
+
+    Output i lies at i / scale; the nearest pixel is the one below it, or, where all scales make the map smaller, the
+    one above it, as ONNX Runtime has it.  The converter leaves the defaults of opset 11, which are others.
+    """
+    constants = Graph(model)
+    for graph in nested_graphs(model.graph):
+        for node in graph.node:
+            if node.op_type == "Resize" and not node.domain:
+                stated = attributes(node)
+                places = {"coordinate_transformation_mode": "asymmetric"}
+                if stated.get("mode", "nearest") == "nearest":
+                    scales = constants.constant(node.input[2]) if len(node.input) > 2 else None
+                    smaller = scales is not None and bool((scales <= 1).all() and (scales < 1).any())
+                    places["nearest_mode"] = "ceil" if smaller else "floor"
+                kept = [attribute for attribute in node.attribute if attribute.name not in places]
+                del node.attribute[:]
+                node.attribute.extend([*kept, *(helper.make_attribute(*place) for place in places.items())])
 
 
 def target_opset(model: onnx.ModelProto, wanted: int | None = None) -> int:
