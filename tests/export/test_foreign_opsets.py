@@ -12,7 +12,6 @@ from onnx import helper
 
 from elf_export import ExportError, Preprocessing, export_onnx
 from elf_export.foreign import source
-from elf_runtime import ElfRuntime
 from export import small_models as small
 
 pytestmark = pytest.mark.usefixtures("one_direction")

@@ -20,8 +20,8 @@ from elf_export.receptive_field import WORKING_SIZE, Field, measured, receptive_
 
 from .free_sizes import Sizes, free_sizes, with_sizes
 from .image_input import ImageInput, find_image_input
-from .unchanged import unchanged
 from .layers import resolve_layer
+from .unchanged import unchanged
 
 MEASURED_AT = (224, 256)  # about so many pixels of height and width
 
