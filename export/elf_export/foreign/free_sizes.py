@@ -231,14 +231,16 @@ def _breaks_at(runner: Runner, sizes: Sizes, stride: float) -> str:
 
     A pool rounds a size down and a window wants whole cells, by the size modulo the network's stride: all the multiples
     in one such period are tried as heights and, in the other order, as widths, some of twice the size, and images as
-    high and as wide as photographs, but narrow: a table of positions ends somewhere.
+    high and as wide as photographs, but narrow: a table of positions ends somewhere.  Of a long period some are tried,
+    all over it.
     """
     if sizes.height and sizes.width:
         return _stops(runner, sizes, sizes.height, sizes.width)
     step, least = sizes.multiple, sizes.min_size
     period = math.ceil(stride) // math.gcd(math.ceil(stride), step)
     count = min(max(period, RUN[0]), RUN[1])
-    run = [least + i * step for i in range(count)]
+    apart = -(-period // count) * step
+    run = [least + i * apart for i in range(count)]
     far = [-(-2 * least // step) * step + i * step for i in (0, 1, 3)]
     long = LONG // step * step
     shapes = [*zip(run[::-1], run, strict=True), *zip(far, far[::-1], strict=True), (long, least), (least, long)]

@@ -23,7 +23,7 @@ from .image_input import ImageInput, find_image_input
 from .layers import resolve_layer
 from .unchanged import unchanged
 
-MEASURED_AT = (224, 256)  # about so many pixels of height and width
+MEASURED_AT = ((224, 256), (448, 512))  # about so many pixels of height and width
 
 
 @dataclass(frozen=True)
@@ -161,12 +161,25 @@ def largest_stride(model: onnx.ModelProto, image: ImageInput) -> float:
 def layer_fields(source: Source, layers: Sequence[str]) -> dict[str, Field]:
     """The geometry of all values, that of maps among `layers` held against the sizes that they have, as `measured`."""
     fields = receptive_fields(source.model, source.image.name, source.sizes.near(*WORKING_SIZE))
-    height, width = source.sizes.near(*MEASURED_AT)
-    graph = Graph(with_sizes(source.model, source.image, Sizes(height, width, 1)))
+    small, large = (source.sizes.near(*size) for size in MEASURED_AT)
+    cells = map_sizes(source, small, layers)
+    # A walk that the smaller map agrees with is believed: the larger one would cost a run.
+    doubted = [name for name in cells if name in fields and measured(fields[name], small, cells[name]) != fields[name]]
+    more = map_sizes(source, large, doubted) if doubted and large != small else {}
+    for name in doubted:
+        larger = (large, more[name]) if name in more else None
+        fields[name] = measured(fields[name], small, cells[name], larger)
+    return fields
+
+
+def map_sizes(source: Source, size: tuple[int, int], layers: Sequence[str]) -> dict[str, tuple[int, int]]:
+    """Height and width of those of `layers` that are maps of more than one cell, for an image of a size."""
+    graph = Graph(with_sizes(source.model, source.image, Sizes(*size, 1)))
     sizes = sizes_where_known(graph)
     axes = axes_of(graph, source.image.name, source.image.layout, sizes)
+    found = {}
     for name in layers:
         cells = dict(zip(axes.get(name, ""), sizes.get(name, ()), strict=False))
         if {"H", "W"} <= cells.keys() and cells["H"] * cells["W"] > 1:
-            fields[name] = measured(fields[name], (height, width), (cells["H"], cells["W"]))
-    return fields
+            found[name] = cells["H"], cells["W"]
+    return found
