@@ -50,6 +50,6 @@ def test_a_file_that_the_runtime_refuses_is_not_written(tmp_path: Path, monkeypa
     onnx.save(model, tmp_path / "model.onnx")
     monkeypatch.setattr(export, "descriptor_specs", wrong)
     monkeypatch.setattr(export, "sizes_of", lambda *given: found(*given[:4], ()))
-    with pytest.raises(ExportError, match=r"the runtime refuses the finished file on an image of 32x32 pixels: .*cells"):
+    with pytest.raises(ExportError, match=r"the runtime refuses the finished file on an image of 32x32 pixels: "):
         export_onnx(tmp_path / "model.onnx", "relu2", ["relu2"], tmp_path / "elf.onnx")
     assert not (tmp_path / "elf.onnx").exists()
