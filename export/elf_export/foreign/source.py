@@ -21,6 +21,7 @@ from elf_export.receptive_field import WORKING_SIZE, Field, measured, receptive_
 from .free_sizes import Sizes, free_sizes, with_sizes
 from .image_input import ImageInput, find_image_input
 from .layers import resolve_layer
+from .ranks import with_ranks
 from .unchanged import unchanged
 
 MEASURED_AT = ((224, 256), (448, 512))  # about so many pixels of height and width
@@ -87,6 +88,7 @@ def prepare(
     require_floats(trunk, names)
     require_no_rounding(trunk, image)
     trunk, sizes = free_sizes(trunk, image, largest_stride(trunk, image))
+    trunk = with_ranks(trunk, image, sizes)
     notes = (*notes, *more, *unchanged(before, trunk, image, sizes))
     return Source(trunk, image, sizes, names, notes)
 

@@ -27,8 +27,6 @@ def require_usable(model: onnx.ModelProto, contract: ModelContract, sizes: Sizes
         image = pixels[..., 0] if contract.input.channels == 1 else pixels
         try:
             elf.detect(image)
-            if contract.descriptors:
-                elf.describe(image, np.array([[width / 2, height / 2]], np.float32))
         except ElfError as error:
             raise ExportError(
                 f"the runtime refuses the finished file on an image of {width}x{height} pixels: {first_line(error)}.  "
