@@ -103,3 +103,17 @@ def test_a_conversion_that_changes_the_network_is_refused(tmp_path: Path, monkey
     with pytest.raises(ExportError, match="converted from opset 9 to 13, but it does not give what it gave in opset 9"):
         export_onnx(tmp_path / "old.onnx", "relu2", [], tmp_path / "elf.onnx")
     assert not (tmp_path / "elf.onnx").exists()
+
+
+@pytest.mark.parametrize("op", ["Softmax", "LogSoftmax"])
+@pytest.mark.parametrize("axis", [1, 2, 3])
+def test_a_softmax_of_opset_12_goes_over_all_axes_behind_its_own(tmp_path: Path, op: str, axis: int) -> None:
+    nodes, tensors = small.convolutions()
+    nodes.append(helper.make_node(op, ["relu2"], ["y"], name="y", axis=axis))
+    model = small.model(nodes, tensors, ("N", 3, "H", "W"), "y", 12)
+    onnx.save(model, tmp_path / "model.onnx")
+    lines: list[str] = []
+    scaled = Preprocessing(color="rgb", standardize=False, scale=1 / 255)
+    made = export_onnx(tmp_path / "model.onnx", "y", [], tmp_path / "elf.onnx", preprocessing=scaled, log=lines.append)
+    assert made.contract.parity["derivative_median_error"] < 1e-6
+    assert any("in float64" in line for line in lines)
