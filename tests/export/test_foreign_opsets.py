@@ -117,3 +117,16 @@ def test_a_softmax_of_opset_12_goes_over_all_axes_behind_its_own(tmp_path: Path,
     made = export_onnx(tmp_path / "model.onnx", "y", [], tmp_path / "elf.onnx", preprocessing=scaled, log=lines.append)
     assert made.contract.parity["derivative_median_error"] < 1e-6
     assert any("in float64" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("op", "opset", "reason"),
+    [("Swish", 24, "Swish means something else there, or does not exist"), ("Relu", 99, "it knows opsets up to")],
+)
+def test_what_can_t_be_converted_is_said_in_words(tmp_path: Path, op: str, opset: int, reason: str) -> None:
+    nodes, tensors = small.convolutions()
+    nodes.append(helper.make_node(op, ["relu2"], ["y"], name="y"))
+    onnx.save(small.model(nodes, tensors, ("N", 3, "H", "W"), "y", opset), tmp_path / "model.onnx")
+    with pytest.raises(ExportError, match=f"can't convert it to 20: {reason}") as raised:
+        export_onnx(tmp_path / "model.onnx", "y", [], tmp_path / "elf.onnx")
+    assert "Assertion" not in str(raised.value)

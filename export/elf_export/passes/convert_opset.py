@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import onnx
 from onnx import helper, version_converter
 
@@ -35,7 +37,7 @@ def convert_opset(model: onnx.ModelProto, wanted: int | None = None) -> onnx.Mod
         try:
             result = version_converter.convert_version(source, target)
         except Exception as error:  # the converter raises whatever its C++ side threw
-            reason = first_line(error)
+            reason = _reason(error, own)
             advice = (
                 f"Leave out --opset, which keeps {own}, or export the model again with opset {target}"
                 if own in OPSETS
@@ -49,6 +51,18 @@ def convert_opset(model: onnx.ModelProto, wanted: int | None = None) -> onnx.Mod
             _place_as_before(result)
     result.ir_version = min(max(result.ir_version, 7), MAX_IR_VERSION)
     return result
+
+
+def _reason(error: Exception, own: int) -> str:
+    """Why the converter stopped, without the place in its source where it did."""
+    newest = onnx.defs.onnx_opset_version()
+    if own > newest:
+        return f"it knows opsets up to {newest}"
+    text = first_line(error)
+    found = re.search(r"No Adapter \w+ Version \$?\d+ for (\w+)|No Previous Version of (\w+) exists", text)
+    if found:
+        return f"{found[1] or found[2]} means something else there, or does not exist"
+    return text.partition("` failed: ")[2] or text
 
 
 def _place_as_before(model: onnx.ModelProto) -> None:
