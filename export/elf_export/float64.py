@@ -21,8 +21,9 @@ Array64 = npt.NDArray[np.float64]
 
 def float64_forward(model: onnx.ModelProto, image: str, output: str) -> Callable[[Array64], Array64]:
     """``f(x)``: the value `output` of a float32 model, computed in float64."""
-    old = [op for op in SOFTMAX_BEFORE_13 if opset_of(model) < 13]
-    evaluator = ReferenceEvaluator(in_double(model), new_ops=[*STAND_INS, *old])
+    evaluator = ReferenceEvaluator(in_double(model), new_ops=STAND_INS)
+    if opset_of(model) < 13:
+        evaluator = ReferenceEvaluator(in_double(model), new_ops=STAND_INS + SOFTMAX_BEFORE_13)
 
     def forward(x: Array64) -> Array64:
         values: Any = evaluator.run([output], {image: x.astype(np.float64)})
@@ -209,5 +210,5 @@ class LogSoftmax(_Flattening):
     logarithm = True
 
 
-SOFTMAX_BEFORE_13 = [Softmax, LogSoftmax]
+SOFTMAX_BEFORE_13: list[type[OpRun]] = [Softmax, LogSoftmax]
 STAND_INS = [Conv, MaxPool, BatchNormalization, Erf, Gelu, GroupNormalization, LRN]

@@ -130,3 +130,16 @@ def test_what_can_t_be_converted_is_said_in_words(tmp_path: Path, op: str, opset
     with pytest.raises(ExportError, match=f"can't convert it to 20: {reason}") as raised:
         export_onnx(tmp_path / "model.onnx", "y", [], tmp_path / "elf.onnx")
     assert "Assertion" not in str(raised.value)
+
+
+def test_integers_of_16_bits_that_only_opset_21_has(tmp_path: Path) -> None:
+    """They are taken out before the model is converted: opset 20 could not hold them."""
+    nodes, tensors = small.convolutions()
+    nodes += [
+        helper.make_node("QuantizeLinear", ["relu2", "step", "zero"], ["q"], name="q"),
+        helper.make_node("DequantizeLinear", ["q", "step", "zero"], ["y"], name="y"),
+    ]
+    tensors |= {"step": np.float32(1e-3), "zero": np.uint16(0)}
+    onnx.save(small.model(nodes, tensors, ("N", 3, "H", "W"), "y", 21, ir_version=10), tmp_path / "model.onnx")
+    made = export_onnx(tmp_path / "model.onnx", "y", [], tmp_path / "elf.onnx")
+    assert made.contract.parity["derivative_median_error"] < 1e-7

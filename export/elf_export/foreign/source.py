@@ -149,8 +149,8 @@ def require_no_rounding(model: onnx.ModelProto, image: ImageInput) -> None:
             if node.op_type in QUANTISED or node.op_type in QUANTIZERS:
                 raise LayerError(
                     f"the network is quantised in a way that can't be taken out: node {node.name or node.output[0]!r} "
-                    f"({node.op_type}) rounds, which has no gradient, and its scale is computed or its integers are "
-                    "calculated with; export the float network that it was made from"
+                    f"({node.op_type}) rounds, which has no gradient, and its scale is computed, its integers are "
+                    "calculated with, or they have 4 bits; export the float network that it was made from"
                 )
 
 
