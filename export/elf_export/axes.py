@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import onnx
 
-from .graph import Graph, attributes
+from .graph import SIZES, Graph, attributes
 
 # What makes (N, C, H, W) of its input, whatever a Reshape has done to that one's axes before.
 WINDOWED = frozenset({
@@ -16,7 +16,7 @@ WINDOWED = frozenset({
 })  # fmt: skip
 CHANNEL_MAKERS = frozenset({"Conv", "ConvTranspose", "DepthToSpace", "SpaceToDepth"})
 REGROUPING = frozenset({"Reshape", "Flatten", "Squeeze", "Unsqueeze"})
-TAKES_APART = frozenset({"Shape", "Einsum", "GatherND", "ScatterND", "If", "Loop", "Scan"})
+TAKES_APART = frozenset({"Einsum", "GatherND", "ScatterND", "If", "Loop", "Scan"})
 
 # A letter of NCHW and how many places of it; "?" for places that were repeated from one, a tuple for places that
 # were counted together (the tokens of a transformer, H W) and then grew or shrank, by a class token.
@@ -41,7 +41,7 @@ def axes_of(graph: Graph, image: str, layout: str, sizes: Mapping[str, Sequence[
     found: dict[str, Axes] = {image: tuple(map(_axis, layout, sizes.get(image, [0] * 4)))}
     reached = {image}
     for node in graph.nodes:
-        if not reached.intersection(node.input):
+        if node.op_type in SIZES or not reached.intersection(node.input):
             continue
         reached.update(node.output)
         for name in filter(None, node.output):

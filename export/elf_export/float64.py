@@ -13,6 +13,8 @@ from onnx import TensorProto, numpy_helper
 from onnx.reference import ReferenceEvaluator
 from onnx.reference.op_run import OpRun
 
+from .passes import opset_of
+
 Array = npt.NDArray[Any]
 Array64 = npt.NDArray[np.float64]
 
@@ -20,6 +22,8 @@ Array64 = npt.NDArray[np.float64]
 def float64_forward(model: onnx.ModelProto, image: str, output: str) -> Callable[[Array64], Array64]:
     """``f(x)``: the value `output` of a float32 model, computed in float64."""
     evaluator = ReferenceEvaluator(in_double(model), new_ops=STAND_INS)
+    if opset_of(model) < 13:
+        evaluator = ReferenceEvaluator(in_double(model), new_ops=STAND_INS + SOFTMAX_BEFORE_13)
 
     def forward(x: Array64) -> Array64:
         values: Any = evaluator.run([output], {image: x.astype(np.float64)})
@@ -183,4 +187,28 @@ class LRN(OpRun):
         return (x / (float(bias) + float(alpha) / size * total) ** float(beta),)
 
 
+class _Flattening(OpRun):
+    """The evaluator's takes one axis in every opset; before 13 the op went over all axes from `axis` on."""
+
+    op_domain = ""
+    logarithm = False
+
+    def _run(self, x: Array, axis: int = 1) -> tuple[Array]:
+        axes = tuple(range(axis % x.ndim, x.ndim))
+        shifted = x - x.max(axes, keepdims=True)
+        total = np.exp(shifted).sum(axes, keepdims=True)
+        return (shifted - np.log(total) if self.logarithm else np.exp(shifted) / total,)
+
+
+class Softmax(_Flattening):
+    """Of opset 12 and before."""
+
+
+class LogSoftmax(_Flattening):
+    """Of opset 12 and before."""
+
+    logarithm = True
+
+
+SOFTMAX_BEFORE_13: list[type[OpRun]] = [Softmax, LogSoftmax]
 STAND_INS = [Conv, MaxPool, BatchNormalization, Erf, Gelu, GroupNormalization, LRN]

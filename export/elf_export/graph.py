@@ -15,6 +15,8 @@ from .ceil_mode import CEIL_POOLS, floor_mode_pads
 Dim = int | str | None
 Array = npt.NDArray[Any]
 
+SIZES = frozenset({"Shape", "Size"})  # ops whose output depends on a map's size only
+
 
 class Graph:
     """An ONNX model under construction.

@@ -11,10 +11,11 @@ from onnx import helper
 
 from .adjoint.geometry import window_of
 from .adjoint.registry import Context
-from .graph import Graph
+from .graph import SIZES, Graph
 from .layout import image_layout
 
 WORKING_SIZE = (480, 640)  # the paper's, height and width
+NEAR = 0.2  # of a ratio of strides: what cells at the border change about it
 GLOBAL = frozenset({
     "GlobalAveragePool", "GlobalMaxPool", "GlobalLpPool", "MatMul", "Gemm", "Einsum", "CumSum", "Softmax", "LSTM",
     "GRU",
@@ -33,17 +34,41 @@ class Field:
     size: float = 1.0
 
 
-def measured(field: Field, image: Sequence[int], cells: Sequence[int]) -> Field:
+At = tuple[Sequence[int], Sequence[int]]  # an image's height and width, and a map's of it
+
+
+def measured(field: Field, image: Sequence[int], cells: Sequence[int], larger: At | None = None) -> Field:
     """`field`, held against the sizes of the image and of the map, (height, width) each.
 
     Where the walk over the nodes does not explain a map's size (a Resize to computed sizes, a space-to-depth
     written in Slices), the cells are taken to tile the image, and `size` is NaN: what they see is not known.
     Where their sides differ, the width decides.
+
+    Parameters
+    ----------
+    larger : optional
+        A larger image and its map.  What is padded to whole windows has more cells than its stride explains, but
+        further pixels bring further cells at that stride: it is the walk's, or a simple multiple or part of it, if
+        the two sizes speak for that.
     """
-    if all(_explains(field, *pair) for pair in zip(image, cells, strict=True)):
+    sizes = [(image, cells), *([larger] if larger else [])]
+    if all(_explains(field, *pair) for at in sizes for pair in zip(*at, strict=True)):
         return field
     stride = image[1] / cells[1]
+    if larger is not None and larger[1][1] > cells[1]:
+        stride = _near(field.stride, (larger[0][1] - image[1]) / (larger[1][1] - cells[1]))
+        if stride == field.stride:
+            return replace(field, size=math.nan)
     return Field(stride, (stride - 1) / 2, math.nan)
+
+
+def _near(stride: float, slope: float) -> float:
+    """The multiple or part of `stride` that `slope` lies close to, or else `slope`."""
+    ratio = max(slope / stride, stride / slope)
+    whole = round(ratio)
+    if abs(ratio - whole) > NEAR * min(whole, 2):
+        return slope
+    return stride * whole if slope > stride else stride / whole
 
 
 def stated(size: float) -> float:
@@ -67,7 +92,8 @@ def receptive_fields(
         stride j s,   offset o + ((e - 1) / 2 - p) j,   size r + (e - 1) j
 
     Other ops are taken as pointwise; where several inputs meet, the largest field decides, and one that sees
-    the whole image (the gate of a squeeze-and-excitation) decides the size alone.  Under SAME padding with a
+    the whole image (the gate of a squeeze-and-excitation) decides the size alone.  What is made of the image's
+    sizes alone (a table of positions, enlarged to them) has no field.  Under SAME padding with a
     stride the offset depends on the image's size: it is stated for `size` (height, width), and at another one
     cells may lie up to half a stride of each such layer elsewhere.
     """
@@ -75,7 +101,7 @@ def receptive_fields(
     fields = {image: Field()}
     for node in graph.nodes:
         inputs = [fields[name] for name in node.input if name in fields]
-        if not inputs:
+        if not inputs or node.op_type in SIZES:
             continue
         found = max(inputs, key=lambda f: f.size if math.isfinite(f.size) else 0)
         found = replace(found, size=max(f.size for f in inputs))

@@ -114,6 +114,38 @@ def with_if() -> onnx.ModelProto:
     return small.model(nodes, tensors, ("N", 3, "H", "W"), "y")
 
 
+def with_loop(sizes: list[int] | None) -> onnx.ModelProto:
+    """A Loop that hands the sizes of a map on, to a Reshape before another convolution: their number is not stated."""
+
+    def value(name: str, kind: int, shape: list[int] | None) -> onnx.ValueInfoProto:
+        return helper.make_tensor_value_info(name, kind, shape)
+
+    body = helper.make_graph(
+        [helper.make_node("Identity", ["go"], ["goes"]), helper.make_node("Identity", ["list"], ["same"])], "body",
+        [value("i", 7, []), value("go", 9, []), value("list", 7, sizes)],
+        [value("goes", 9, []), value("same", 7, sizes)],
+    )  # fmt: skip
+    nodes, tensors = small.convolutions()
+    nodes += [
+        helper.make_node("Shape", ["relu2"], ["sizes"], name="sizes"),
+        helper.make_node("Loop", ["twice", "yes", "sizes"], ["kept"], name="kept", body=body),
+        helper.make_node("Reshape", ["relu2", "kept"], ["r"], name="r"),
+        helper.make_node("Conv", ["r", "w3"], ["y"], name="y", pads=[1] * 4),
+    ]
+    tensors |= {"twice": np.array(2), "yes": np.array(True), "w3": small.weights(5, 4, 3, 3, seed=3)}
+    return small.model(nodes, tensors, ("N", 3, "H", "W"), "y")
+
+
+@pytest.mark.parametrize("sizes", [None, [4]])
+@pytest.mark.parametrize("layer", ["r", "y"])
+def test_a_loop_on_the_path_of_sizes(tmp_path: Path, sizes: list[int] | None, layer: str) -> None:
+    made = export_onnx(saved(with_loop(sizes), tmp_path), layer, ["y"], tmp_path / "elf.onnx")
+    assert made.contract.parity["derivative_median_error"] < 1e-7
+    assert (made.contract.descriptors[0].dim, made.contract.descriptors[0].stride) == (5, 2.0)
+    found = ElfRuntime(made.path).detect(textured(90, 121))
+    assert found.descriptors.shape == (len(found.keypoints), 5)
+
+
 def test_what_a_body_makes_itself_is_not_captured() -> None:
     graph = Graph(with_if())
     assert set(captured(graph.producers()["y"])) == {"relu2"}

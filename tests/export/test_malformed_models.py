@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import onnx
 import pytest
-from onnx import TensorProto, helper
+from onnx import TensorProto, helper, numpy_helper
 
 from elf_export import ExportError, export_onnx, load_model
 from elf_export.cli import main
@@ -95,6 +96,10 @@ FAULTS: dict[str, tuple[Change, str]] = {
     "an output that nothing makes": (lambda m: setattr(m.graph.output[0], "name", "gone"),
                                      "nothing makes the output 'gone'"),
     "two inputs of one name": (lambda m: m.graph.input.append(m.graph.input[0]), "two inputs have the same name, 'x'"),
+    "two constants of one name": (lambda m: m.graph.initializer.append(m.graph.initializer[0]),
+                                  "two constants have the same name, 'w1'"),
+    "a constant without a name": (lambda m: m.graph.initializer.add().CopyFrom(numpy_helper.from_array(np.ones(2))),
+                                  "a constant has no name"),
     "sparse weights": (lambda m: (m.graph.sparse_initializer.add().values.CopyFrom(tensor(m, "b1")),
                                   m.graph.initializer.remove(tensor(m, "b1"))), "its weights 'b1' are sparse"),
     "a photograph of 20000 pixels": (size(1, 3, 20000, 20000),
@@ -122,6 +127,36 @@ def test_a_malformed_model_is_refused_in_one_line(
         assert said.count("\n") == 1
         assert "can't be handled" not in said
     assert not (tmp_path / "elf.onnx").exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:1234\nsize 1\n", "it is a git-lfs pointer"),
+        (b"<!DOCTYPE html>\n<html><body>404</body></html>", "it is a web page (HTML)"),
+        (b"", "it is empty (0 bytes)"),
+        (b"PK\x03\x04" + b"\0" * 60, "it is a zip archive"),
+        (b"\0" * 4096, "it is nothing but zero bytes"),
+        (small.nchw().SerializeToString()[:500], "not an ONNX model, or cut off"),
+    ],
+)
+def test_another_file_than_a_model_is_called_what_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes, message: str
+) -> None:
+    (tmp_path / "other.onnx").write_bytes(content)
+    for options in (["--list"], ["--layer", "y", "--desc", "none", "-o", str(tmp_path / "elf.onnx")]):
+        assert main(["--onnx", str(tmp_path / "other.onnx"), *options]) == 1
+        said = capsys.readouterr().err
+        assert message in said
+        assert said.count("\n") == 1
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.onnx")
+    with pytest.raises(ExportError, match="not a file but a pipe"):
+        load_model(tmp_path / "pipe.onnx")
+    with pytest.raises(ExportError, match="not a file but a device"):
+        load_model("/dev/zero")
 
 
 def test_names_of_300_characters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

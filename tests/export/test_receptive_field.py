@@ -16,7 +16,9 @@ from onnx import TensorProto, helper
 from elf_export import export_onnx
 from elf_export.listing import layer_table
 from elf_export.receptive_field import Field, measured, receptive_fields
+from elf_runtime import ElfRuntime
 from export import small_models as small
+from helpers import textured
 
 HEIGHT = 12
 MARGIN = 3  # a dilated kernel that the edge cuts may see no column nearer to it
@@ -276,3 +278,55 @@ def test_the_list_shows_the_stride_of_a_map_and_no_receptive_field_that_contradi
     rows = {line.split()[0]: line.split()[1:6] for line in layer_table(unshuffled(), "x").splitlines()}
     assert rows["m"] == ["Relu", "8", "256x256", "2", "?"]
     assert rows["y"] == ["Conv", "8", "128x128", "4", "?"]
+
+
+@pytest.mark.parametrize(
+    ("field", "cells", "larger", "stride"),
+    [
+        # Padded to windows of 7 cells, and to 12: what is added to the image brings cells of the walk's stride.
+        (Field(4, 1.5, math.inf), (28, 35), (49, 70), 4),
+        (Field(4, 1.5, math.inf), (24, 36), (48, 72), 4),
+        # What the walk takes for pointwise, and a Resize to computed sizes that it takes for none.
+        (Field(1, 0, 3), (52, 68), (100, 132), 2),
+        (Field(16, 0, 40), (25, 33), (49, 65), 4),
+    ],
+)
+def test_two_sizes_of_a_map_tell_its_stride(
+    field: Field, cells: tuple[int, int], larger: tuple[int, int], stride: float
+) -> None:
+    found = measured(field, (96, 128), cells, ((192, 256), larger))
+    assert found.stride == stride
+    assert found.offset == (1.5 if stride == field.stride else (stride - 1) / 2)
+    assert math.isnan(found.size)
+
+
+def test_a_table_of_positions_is_no_map() -> None:
+    """Patches of 4 and a table of 6x6 positions, enlarged to the patches' number: it sees no pixel."""
+    body = """patches = Conv<strides = [4, 4]>(x, w)  sizes = Shape(patches)
+        ends = Slice(sizes, two, four)  wanted = Concat<axis = 0>(leading, ends)
+        places = Resize<mode = "linear">(table, , , wanted)  y = Add(patches, places)"""
+    tensors = {
+        "w": small.weights(8, 3, 4, 4), "table": small.weights(1, 8, 6, 6, seed=1), "leading": np.array([1, 8]),
+        "two": np.array([2]), "four": np.array([4]),
+    }  # fmt: skip
+    model = small.written(body, tensors, ("N", 3, "H", "W"))
+    fields = receptive_fields(model, "x")
+    assert fields["y"] == fields["patches"] == Field(4, 1.5, 4)
+    assert not {"sizes", "wanted", "places"} & fields.keys()
+
+
+@pytest.mark.parametrize("cells", [4, 7])
+def test_a_map_padded_to_windows_has_its_stride_and_sizes_that_the_runtime_takes(tmp_path: Path, cells: int) -> None:
+    body = """embedded = Conv<strides = [4, 4]>(x, w)  sizes = Shape(embedded)
+        ends = Slice(sizes, two, four)  beyond = Neg(ends)  lack = Mod(beyond, side)
+        pads = Concat<axis = 0>(zeros, lack)  y = Pad(embedded, pads)"""
+    tensors = {
+        "w": small.weights(8, 3, 4, 4), "zeros": np.zeros(6, np.int64), "side": np.array([cells]),
+        "two": np.array([2]), "four": np.array([4]),
+    }  # fmt: skip
+    onnx.save(small.written(body, tensors, ("N", 3, "H", "W")), tmp_path / "model.onnx")
+    contract = export_onnx(tmp_path / "model.onnx", "embedded", ["y"], tmp_path / "elf.onnx").contract
+    assert (contract.descriptors[0].stride, contract.descriptors[0].offset) == (4.0, 1.5)
+    elf, spec = ElfRuntime(tmp_path / "elf.onnx"), contract.input
+    for height in range(spec.min_size, spec.min_size + 12 * 4 * cells, spec.multiple):
+        elf.detect(textured(height, spec.min_size))

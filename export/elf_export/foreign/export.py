@@ -36,10 +36,11 @@ from elf_export.verify_projection import parity as map_parity
 from elf_runtime import DetectionParams, InputSpec, ModelContract, WeightsSpec
 from elf_runtime.contract import ReductionSpec
 
-from .finished import maps_of, measured_fields, sizes_of
+from .finished import longest_period, maps_of, measured_fields, sizes_of
 from .guard import only_export_errors
 from .load import load_model
-from .source import largest_stride, prepare
+from .source import prepare
+from .trial import require_usable
 
 LONGEST = 160  # bytes of the file's and the layer's name in that of the new file
 
@@ -85,8 +86,8 @@ def export_onnx(
     ------
     ExportError
         A file that can't be read or run, an unknown layer, a working scale for a model of one size, a calibration
-        image that can't be used, an op without an adjoint, or a gradient that does not agree with central
-        differences; no file is left behind.
+        image that can't be used, an op without an adjoint, a gradient that does not agree with central differences, or
+        a file that the runtime would refuse; none is left behind.
     """
     with only_export_errors(file):
         file = Path(file)
@@ -119,9 +120,11 @@ def export_onnx(
             source.model, name, described, source.image.name, settings, channels_last=precision == "int8",
             min_size=source.sizes.min_size, size=source.sizes.usual,
         )  # fmt: skip
+        fields = measured_fields(source, described)
         source = replace(source, sizes=sizes_of(
-            saliency, source.sizes, settings.channels, largest_stride(source.model, source.image)
-        ))
+            saliency, source.sizes, settings.channels, longest_period(source, fields, described),
+            descriptor_specs(saliency, described, fields),
+        ))  # fmt: skip
         log(f"image {source.image.name!r}, {source.image.layout}, {source.image.channels} channel(s); sizes: "
             f"{source.sizes.describe()}")  # fmt: skip
         gradient = build_gradient(source.model, name, source.image.name)
@@ -131,7 +134,6 @@ def export_onnx(
         differences.require(agreement)
         log(differences.table(agreement))
 
-        fields = measured_fields(saliency, source, settings, described)
         arguments = [
             "elf-export",
             "--onnx",
@@ -175,6 +177,7 @@ def export_onnx(
             command=shlex.join([*arguments, *settings.arguments()]),
         )
         saliency, contract = lower(saliency, contract, precision, images, log)
+        require_usable(saliency, contract, sizes)
         write(saliency, contract, path)
         return ExportResult(path, contract)
 

@@ -195,7 +195,7 @@ def _works(
 ) -> Sizes | str:
     """`sizes` with the multiple and the smallest size that the model needs, why not if it takes none of them."""
     if expected is not None and (
-        reason := _unlike(runner.outputs_at(image.size), expected, "the file as it stands")
+        reason := unlike(runner.outputs_at(image.size), expected, "the file as it stands gives")
     ):
         return reason
     reason = ""
@@ -231,14 +231,16 @@ def _breaks_at(runner: Runner, sizes: Sizes, stride: float) -> str:
 
     A pool rounds a size down and a window wants whole cells, by the size modulo the network's stride: all the multiples
     in one such period are tried as heights and, in the other order, as widths, some of twice the size, and images as
-    high and as wide as photographs, but narrow: a table of positions ends somewhere.
+    high and as wide as photographs, but narrow: a table of positions ends somewhere.  Of a long period some are tried,
+    all over it.
     """
     if sizes.height and sizes.width:
         return _stops(runner, sizes, sizes.height, sizes.width)
     step, least = sizes.multiple, sizes.min_size
     period = math.ceil(stride) // math.gcd(math.ceil(stride), step)
     count = min(max(period, RUN[0]), RUN[1])
-    run = [least + i * step for i in range(count)]
+    apart = -(-period // count) * step
+    run = [least + i * apart for i in range(count)]
     far = [-(-2 * least // step) * step + i * step for i in (0, 1, 3)]
     long = LONG // step * step
     shapes = [*zip(run[::-1], run, strict=True), *zip(far, far[::-1], strict=True), (long, least), (least, long)]
@@ -276,16 +278,16 @@ def _fails(runner: Runner, sizes: Sizes, size: tuple[int, int]) -> str:
         apart = [runner.outputs(pair[i : i + 1]) for i in range(2)]
     except Exception as error:  # onnxruntime's own exceptions share no base of theirs
         return first_line(error)
-    return _unlike(
-        together, [np.concatenate(maps) for maps in zip(*apart, strict=True)], "each of its images alone"
+    return unlike(
+        together, [np.concatenate(maps) for maps in zip(*apart, strict=True)], "each of its images alone gives"
     )
 
 
-def _unlike(found: list[Map], wanted: list[Map], other: str) -> str:
+def unlike(found: list[Map], wanted: list[Map], other: str) -> str:
     """How results differ from wanted ones, those of `other`; empty if they don't."""
     for a, b in zip(found, wanted, strict=True):
         if not (np.isfinite(a).all() and np.isfinite(b).all()):
             return "it gives NaN or infinite values on noise"
         if a.shape != b.shape or float(np.abs(a - b).max(initial=0)) > SAME * float(np.abs(b).max(initial=0)):
-            return f"it does not give what {other} gives"
+            return f"it does not give what {other}"
     return ""

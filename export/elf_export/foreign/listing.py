@@ -27,12 +27,11 @@ def model_table(file: str | os.PathLike[str], image_input: str | None = None) ->
         if image.name not in {value.name for value in cut(model, [v.name for v in model.graph.output]).graph.input}:
             raise ExportError(f"none of the model's outputs depends on the image {image.name!r}")
         require_affordable(_at_own_size(model, image), image)
-        model = single_precision(model, [image.name])
-        notes: tuple[str, ...] = ()
+        model, notes = in_floats(single_precision(model, [image.name]))
+        more: tuple[str, ...] = ()
         # A head that the converter stops at is no reason to hide the layers before it.
         with contextlib.suppress(ExportError):
-            model, notes = in_known_opset(model, image, [value.name for value in model.graph.output])
-        model, more = in_floats(model)
+            model, more = in_known_opset(model, image, [value.name for value in model.graph.output])
         source = _freed(model, image)
         sizes = source.sizes
         height, width = sizes.near(image.size[1] or USUAL, image.size[2] or USUAL)

@@ -12,6 +12,8 @@ from onnx import inliner
 from elf_export.errors import ExportError
 from elf_export.graph import nested_graphs
 from elf_export.passes import sort_nodes, standard_ops
+from elf_runtime.errors import first_line, reason
+from elf_runtime.filetype import HEAD, description, open_regular
 
 from .guard import only_export_errors, shown_path
 from .well_formed import require_well_formed
@@ -26,8 +28,8 @@ def load_model(path: str | os.PathLike[str]) -> onnx.ModelProto:
     Raises
     ------
     ExportError
-        If the file is missing, a folder, no ONNX model or a malformed one, its external data is not beside it, or it is
-        larger than one protobuf file may be.
+        If the file is missing, no regular file, no ONNX model, a malformed one or larger than a protobuf file may be,
+        or if its external data is not beside it.
     """
     with only_export_errors(path):
         return _loaded(Path(path))
@@ -38,16 +40,22 @@ def _loaded(file: Path) -> onnx.ModelProto:
     try:
         if file.is_dir():
             raise ExportError(f"{name} is a folder, not an .onnx file")
-        if not file.is_file():
-            raise ExportError(f"{name}: no such file")
-        model = onnx.load(file, load_external_data=False)
+        with open_regular(file) as opened:
+            head = opened.read(HEAD)
+            opened.seek(0)
+            model = onnx.load(opened, load_external_data=False)
+    except FileNotFoundError as error:
+        raise ExportError(f"{name}: no such file") from error
     except DecodeError as error:
-        raise ExportError(f"{name}: not an ONNX model: {error}") from error
+        what = description(head)
+        why = f"it is {what}" if what else f"or cut off: {first_line(error)}"
+        raise ExportError(f"{name}: not an ONNX model{':' if what else ','} {why}") from error
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ExportError(f"{name}: can't be read: {reason}") from error
+        raise ExportError(f"{name}: can't be read: {reason(error)}") from error
     if not model.graph.node:
-        raise ExportError(f"{name}: not an ONNX model, or one without nodes")
+        what = description(head)
+        why = f": it is {what}" if what else ", or one without nodes"
+        raise ExportError(f"{name}: not an ONNX model{why}")
     _load_external_data(model, file)
     _standard_domain(model)
     require_well_formed(model, name)

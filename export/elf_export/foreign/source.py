@@ -21,8 +21,10 @@ from elf_export.receptive_field import WORKING_SIZE, Field, measured, receptive_
 from .free_sizes import Sizes, free_sizes, with_sizes
 from .image_input import ImageInput, find_image_input
 from .layers import resolve_layer
+from .ranks import with_ranks
+from .unchanged import unchanged
 
-MEASURED_AT = (224, 256)  # about so many pixels of height and width
+MEASURED_AT = ((224, 256), (448, 512))  # about so many pixels of height and width
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ def prepare(
     Raises
     ------
     ExportError
-        From `find_image_input`, `resolve_layer`, `convert_opset` or `free_sizes`.
+        From `find_image_input`, `resolve_layer`, `convert_opset`, `free_sizes` or `unchanged`.
     """
     image = find_image_input(model, image_input)
     names = tuple(resolve_layer(model, layer) for layer in layers)
@@ -78,17 +80,17 @@ def prepare(
         raise LayerError(
             f"the layer needs more inputs than the image: {others}; choose one before they come in"
         )
-    trunk = single_precision(trunk, [image.name])
-    notes: tuple[str, ...] = ()
+    before, notes = in_floats(single_precision(trunk, [image.name]))
     if opset is None:
-        trunk, notes = in_known_opset(trunk, image, names[:1], least_opset)
+        trunk, more = in_known_opset(before, image, names[:1], least_opset)
     else:
-        trunk = convert_opset(trunk, opset)
-    trunk, more = in_floats(trunk)
+        trunk, more = convert_opset(before, opset), ()
     require_floats(trunk, names)
     require_no_rounding(trunk, image)
     trunk, sizes = free_sizes(trunk, image, largest_stride(trunk, image))
-    return Source(trunk, image, sizes, names, (*notes, *more))
+    trunk = with_ranks(trunk, image, sizes)
+    notes = (*notes, *more, *unchanged(before, trunk, image, sizes))
+    return Source(trunk, image, sizes, names, notes)
 
 
 def in_known_opset(
@@ -147,8 +149,8 @@ def require_no_rounding(model: onnx.ModelProto, image: ImageInput) -> None:
             if node.op_type in QUANTISED or node.op_type in QUANTIZERS:
                 raise LayerError(
                     f"the network is quantised in a way that can't be taken out: node {node.name or node.output[0]!r} "
-                    f"({node.op_type}) rounds, which has no gradient, and its scale is computed or its integers are "
-                    "calculated with; export the float network that it was made from"
+                    f"({node.op_type}) rounds, which has no gradient, and its scale is computed, its integers are "
+                    "calculated with, or they have 4 bits; export the float network that it was made from"
                 )
 
 
@@ -161,12 +163,25 @@ def largest_stride(model: onnx.ModelProto, image: ImageInput) -> float:
 def layer_fields(source: Source, layers: Sequence[str]) -> dict[str, Field]:
     """The geometry of all values, that of maps among `layers` held against the sizes that they have, as `measured`."""
     fields = receptive_fields(source.model, source.image.name, source.sizes.near(*WORKING_SIZE))
-    height, width = source.sizes.near(*MEASURED_AT)
-    graph = Graph(with_sizes(source.model, source.image, Sizes(height, width, 1)))
+    small, large = (source.sizes.near(*size) for size in MEASURED_AT)
+    cells = map_sizes(source, small, layers)
+    # A walk that the smaller map agrees with is believed: the larger one would cost a run.
+    doubted = [name for name in cells if name in fields and measured(fields[name], small, cells[name]) != fields[name]]
+    more = map_sizes(source, large, doubted) if doubted and large != small else {}
+    for name in doubted:
+        larger = (large, more[name]) if name in more else None
+        fields[name] = measured(fields[name], small, cells[name], larger)
+    return fields
+
+
+def map_sizes(source: Source, size: tuple[int, int], layers: Sequence[str]) -> dict[str, tuple[int, int]]:
+    """Height and width of those of `layers` that are maps of more than one cell, for an image of a size."""
+    graph = Graph(with_sizes(source.model, source.image, Sizes(*size, 1)))
     sizes = sizes_where_known(graph)
     axes = axes_of(graph, source.image.name, source.image.layout, sizes)
+    found = {}
     for name in layers:
         cells = dict(zip(axes.get(name, ""), sizes.get(name, ()), strict=False))
         if {"H", "W"} <= cells.keys() and cells["H"] * cells["W"] > 1:
-            fields[name] = measured(fields[name], (height, width), (cells["H"], cells["W"]))
-    return fields
+            found[name] = cells["H"], cells["W"]
+    return found

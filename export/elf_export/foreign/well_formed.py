@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 
 import onnx
@@ -191,8 +192,12 @@ def _names(graph: onnx.GraphProto, outside: set[str], where: str) -> Iterator[st
     given, made = set(inputs) | stored, set[str]()
     if "" in inputs:
         yield f"an input{where} has no name"
-    if len(set(inputs)) != len(inputs):
-        yield f"two inputs{where} have the same name, {shown(next(n for n in inputs if inputs.count(n) > 1))}"
+    for what, names in (("inputs", inputs), ("constants", [tensor.name for tensor in graph.initializer])):
+        if len(set(names)) != len(names):
+            twice = next(name for name, count in Counter(names).items() if count > 1)
+            yield f"two {what}{where} have the same name, {shown(twice)}"
+    if "" in stored:
+        yield f"a constant{where} has no name"
     for node in graph.node:
         for name in filter(None, node.output):
             if name in made:

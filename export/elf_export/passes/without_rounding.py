@@ -86,7 +86,7 @@ def _saturate(graph: Graph, node: onnx.NodeProto, scales: dict[str, Scale]) -> b
         s, z = (_along(v, axis, constant.ndim) for v in (scale, zero.astype(np.float64)))
         steps = np.clip(np.round(constant / s) + z, limits.min, limits.max) - z
         graph.op("Identity", graph.const(steps * s, f"{name}/rounded", np.float32), name=name, outputs=[q])
-    elif low.size == 1:
+    elif low.size == 1 and graph.opset >= 11:  # before, Clip's limits are attributes
         floor = graph.const(low.reshape(()), f"{name}/low", np.float32)
         ceiling = graph.const(high.reshape(()), f"{name}/high", np.float32)
         graph.op("Clip", x, floor, ceiling, name=name, outputs=[q])
