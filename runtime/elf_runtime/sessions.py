@@ -130,11 +130,18 @@ class Sessions:
             if session is None:
                 fixed = zip(self._dims, shape, (alone, True, True), strict=True) if key[1] else ()
                 dims = {name: side for name, side, known in fixed if name and known}
-                part = self._model if wanted == self._all else with_outputs(self._model, outputs, self._name)
+                part = self._model if wanted == self._all else self._cut(outputs)
                 session = open_session(part, **self._options, dims=dims, name=self._name)[0]
                 self._make_room(wanted, key[1])
             self._open[key] = session
             return session, None if key[1] else self._shrinking(key, math.prod(shape))
+
+    def _cut(self, outputs: Sequence[str]) -> bytes:
+        """The part of the model for these outputs; all of it where nodes have graphs of their own (If, Loop)."""
+        try:
+            return with_outputs(self._model, outputs, self._name)
+        except ModelError:
+            return self._model
 
     def _shrinking(self, key: _Key, pixels: int) -> ort.RunOptions | None:
         last, kept = self._pixels.get(key, (pixels, 0))
