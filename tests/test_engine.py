@@ -518,3 +518,19 @@ def test_what_is_shown_is_short(elf: ElfRuntime, image: np.ndarray) -> None:
         assert len(repr(value)) < 300
         assert "\n" not in repr(value)
     assert repr(traced.features) == f"Features({len(traced.features)} keypoints, descriptors of 8, image 160x120)"
+
+
+def test_a_model_that_can_t_be_cut_runs_whole(
+    elf: ElfRuntime, image: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nodes with graphs of their own (If, Loop) may read any value from outside."""
+    points = [(20.0, 30.0), (70.5, 40.25)]
+    wanted, saliency = elf.describe(image, points), elf.saliency(image)
+
+    def refused(*_: object) -> bytes:
+        raise ModelError("node 'l' (Loop) has a graph of its own")
+
+    monkeypatch.setattr("elf_runtime.sessions.with_outputs", refused)
+    whole = ElfRuntime(TINY, threads=1)
+    np.testing.assert_allclose(whole.describe(image, points), wanted, atol=1e-5)
+    np.testing.assert_allclose(whole.saliency(image), saliency, atol=1e-4)

@@ -126,12 +126,8 @@ def unused_range(image: npt.NDArray[Any]) -> float:
     Returns
     -------
     float
-        65535 over the largest number of as many bits as the image's maximum needs, 8 or more.  1 where the lowest two
-        bits are not used, by a camera that fills 16 bits from the top, and for other dtypes.
+        65535 over the largest number of as many bits as the image's maximum needs, 8 or more; 1 for other dtypes.
     """
     if image.dtype.kind != "u" or image.dtype.itemsize != 2:
         return 1.0
-    used = int(np.bitwise_or.reduce(image, axis=None))
-    if used & 3 == 0:
-        return 1.0
-    return 65535.0 / float((1 << max(8, used.bit_length())) - 1)
+    return 65535.0 / float((1 << max(8, int(image.max()).bit_length())) - 1)
