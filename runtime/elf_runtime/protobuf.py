@@ -67,7 +67,7 @@ class Message:
 
 def encoded(number: int, payload: bytes) -> bytes:
     """A field of wire type 2 as bytes: a submessage, or text."""
-    return _encoded_varint(number << 3 | 2) + _encoded_varint(len(payload)) + payload
+    return encoded_varint(number << 3 | 2) + encoded_varint(len(payload)) + payload
 
 
 def raw_fields(data: memoryview) -> Iterator[tuple[int, int | memoryview, memoryview]]:
@@ -109,7 +109,8 @@ def _varint(data: memoryview, at: int) -> tuple[int, int]:
     raise WireError("a number has more than ten bytes")
 
 
-def _encoded_varint(value: int) -> bytes:
+def encoded_varint(value: int) -> bytes:
+    """A number from 0 up as bytes: 7 bits each, lowest first; the high bit says that more follow."""
     low = bytearray()
     while value > 0x7F:
         low.append(value & 0x7F | 0x80)

@@ -226,8 +226,8 @@ def _checked(model: str | os.PathLike[str] | bytes, name: str = "<model bytes>")
         raise ModelError(f"a model is a path or bytes, not {type(model).__name__}")
     path = os.fsdecode(model)
     try:
-        open_regular(path).close()
-        size = os.stat(path).st_size
+        with open_regular(path) as file:
+            size = os.fstat(file.fileno()).st_size
     except FileNotFoundError:
         raise ModelError(f"{path}: no such file") from None
     except OSError as error:

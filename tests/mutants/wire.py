@@ -7,7 +7,7 @@ import random
 from collections.abc import Iterator
 from typing import Any
 
-from elf_runtime.protobuf import Message, encoded, raw_fields
+from elf_runtime.protobuf import Message, encoded, encoded_varint, raw_fields
 
 # Message -> field number -> the message that the field holds, after onnx.proto.
 SCHEMA: dict[str, dict[int, str]] = {
@@ -111,16 +111,8 @@ def _changed(value: int | memoryview | bytes, rng: random.Random) -> int | bytes
 
 def _field(number: int, value: int | memoryview | bytes) -> bytes:
     if isinstance(value, int):
-        return _varint(number << 3) + _varint(value)
+        return encoded_varint(number << 3) + encoded_varint(value)
     return encoded(number, bytes(value))
-
-
-def _varint(value: int) -> bytes:
-    out = bytearray()
-    while value > 0x7F:
-        out.append(value & 0x7F | 0x80)
-        value >>= 7
-    return bytes([*out, value])
 
 
 def _contract(data: bytes, rng: random.Random) -> tuple[str, bytes]:

@@ -204,12 +204,12 @@ class _Run:
 
     def _existing(self, record: Mapping[str, Any], files: Sequence[str]) -> bool:
         """Whether the files are there and need not be made again."""
-        there = [file for file in files if os.path.lexists(file)]
-        found = load_record(files[0])
         if files[0] in self._written:
             raise ElfError(f"{files[0]} holds the results of {self._written[files[0]]}; give another -o, or --base")
+        there = [file for file in files if os.path.lexists(file)]
         if not there:
             return False
+        found = load_record(files[0])
         same = found == json.loads(json.dumps(record)) and len(there) == len(files)
         if self._args.skip_existing and same:
             return True
