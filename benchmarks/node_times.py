@@ -22,12 +22,12 @@ import numpy as np
 import onnx
 
 from elf_export.adjoint.gradient import ADJOINT
-from elf_export.graph import attributes
-from elf_export.response import sums_channels
+from elf_export.graph.graph import attributes
+from elf_export.graph.response import sums_channels
 from elf_runtime.contract import ModelContract
-from elf_runtime.image import read
-from elf_runtime.session import open_session
-from elf_runtime.subgraph import with_outputs
+from elf_runtime.image.convert import read
+from elf_runtime.model.session import open_session
+from elf_runtime.model.subgraph import with_outputs
 
 CONVOLUTIONS = ("Conv", "FusedConv", "QLinearConv", "ConvTranspose", "Gemm", "MatMul", "FusedMatMul")
 POOLING = ("MaxPool", "NhwcMaxPool", "AveragePool", "GlobalAveragePool", "QLinearAveragePool", "LRN")
@@ -87,15 +87,11 @@ def helping_nodes(model: onnx.ModelProto) -> dict[str, str]:
     return found
 
 
-def node_times(
-    data: bytes, pixels: np.ndarray, repeats: int, threads: int | None
-) -> dict[tuple[str, str], float]:
+def node_times(data: bytes, pixels: np.ndarray, repeats: int, threads: int | None) -> dict[tuple[str, str], float]:
     """(name, op) of each executed node -> median milliseconds, without the first two runs."""
     image = onnx.load_from_string(data).graph.input[0]
     dims = {
-        d.dim_param: size
-        for d, size in zip(image.type.tensor_type.shape.dim, pixels.shape, strict=True)
-        if d.dim_param
+        d.dim_param: size for d, size in zip(image.type.tensor_type.shape.dim, pixels.shape, strict=True) if d.dim_param
     }
     with tempfile.TemporaryDirectory() as folder:
         session, _ = open_session(data, threads=threads, dims=dims, profile=str(Path(folder) / "profile"))
@@ -105,21 +101,15 @@ def node_times(
     runs = defaultdict(list)
     for event in events:
         if event.get("cat") == "Node" and event["name"].endswith("_kernel_time"):
-            runs[event["name"].removesuffix("_kernel_time"), event["args"]["op_name"]].append(
-                event["dur"] / 1000
-            )
+            runs[event["name"].removesuffix("_kernel_time"), event["args"]["op_name"]].append(event["dur"] / 1000)
     return {node: float(np.median(times[2:])) for node, times in runs.items()}
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("models", nargs="+", help="ELF models")
     parser.add_argument("--size", default="480x640", help="HxW that the network sees; default: %(default)s")
-    parser.add_argument(
-        "--outputs", default="saliency", help="outputs to compute, or all; default: %(default)s"
-    )
+    parser.add_argument("--outputs", default="saliency", help="outputs to compute, or all; default: %(default)s")
     parser.add_argument("--image", help="photograph to resize; default: noise")
     parser.add_argument("--repeats", type=int, default=10)
     parser.add_argument("--threads", type=int)
@@ -144,9 +134,7 @@ def main(arguments: list[str] | None = None) -> int:
             by_kind[kind] += time
             if args.nodes:
                 print(f"{time:9.2f} ms  {kind:<22} {op:<18} {node}")
-        print(
-            f"{path}: {contract.network} {contract.layer}, {contract.precision}, {args.size}, {total:.1f} ms"
-        )
+        print(f"{path}: {contract.network} {contract.layer}, {contract.precision}, {args.size}, {total:.1f} ms")
         for kind, time in by_kind.items():
             print(f"  {kind:<22}{time:8.1f} ms {time / total:7.1%}")
     return 0

@@ -1,6 +1,6 @@
 """A second view of a photograph, to match against: tilted and turned, darker, with blur and noise.
 
-    python demo/second_view.py demo/palace.jpg out/demo/view.png
+python demo/second_view.py demo/palace.jpg out/demo/view.png
 """
 
 from __future__ import annotations

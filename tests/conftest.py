@@ -11,7 +11,7 @@ import pytest
 import elf_runtime  # noqa: F401  (before any test imports ONNX Runtime, whose telemetry it switches off)
 from helpers import textured
 
-NEEDS_TORCH = ("export", "adjoint")
+NEEDS_TORCH = ("export",)
 HAS_TORCH = all(importlib.util.find_spec(name) for name in ("torch", "onnx"))
 collect_ignore = [] if HAS_TORCH else list(NEEDS_TORCH)
 

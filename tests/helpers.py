@@ -14,6 +14,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 TINY = Path(__file__).parent / "data" / "tiny.onnx"
 
+
 def shared(*parts: str) -> Path:
     """A file of the development data beside the checkout; skips the test where it is absent."""
     roots = [Path(os.environ["ELF_SHARED"])] if "ELF_SHARED" in os.environ else []

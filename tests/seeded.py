@@ -10,7 +10,7 @@ import onnx
 from onnx.reference import ReferenceEvaluator
 from onnx.reference.op_run import OpRun
 
-from elf_export.float64 import in_double
+from elf_export.checks.float64 import in_double
 
 Tensors = dict[str, npt.NDArray[np.float32]]
 

@@ -90,9 +90,7 @@ def faults_once_installed(wheel: Path, version: str) -> list[str]:
 def run(folder: str, *words: str | Path) -> str:
     """What a program prints that runs in `folder` and sees nothing of the checkout."""
     away = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    done = subprocess.run(
-        [*map(str, words)], cwd=folder, env=away, check=False, text=True, stdout=subprocess.PIPE
-    )
+    done = subprocess.run([*map(str, words)], cwd=folder, env=away, check=False, text=True, stdout=subprocess.PIPE)
     if done.returncode:
         raise SystemExit(f"{' '.join(map(str, words))}: exit status {done.returncode}")
     return done.stdout

@@ -62,8 +62,7 @@ def builds(prefix: str, module: str, folders: Sequence[str]) -> list[str]:
 def has_module(module: str, folders: Sequence[str]) -> bool:
     """Whether `module` can be imported: a folder that a removed package left behind can't."""
     return any(
-        (Path(folder) / module / "__init__.py").is_file() or any(Path(folder).glob(f"{module}.*"))
-        for folder in folders
+        (Path(folder) / module / "__init__.py").is_file() or any(Path(folder).glob(f"{module}.*")) for folder in folders
     )
 
 

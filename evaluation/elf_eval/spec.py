@@ -66,9 +66,7 @@ class Spec:
     def finish(self) -> None:
         """Raises EvalError where an option was not taken by anyone."""
         if self.options:
-            raise EvalError(
-                f"{self.text}: unknown options {sorted(self.options)}; known are {sorted(self.known)}"
-            )
+            raise EvalError(f"{self.text}: unknown options {sorted(self.options)}; known are {sorted(self.known)}")
 
     def file(self, what: str) -> Path:
         """The argument as the path of an existing file."""

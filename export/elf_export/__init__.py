@@ -10,23 +10,17 @@ from typing import TYPE_CHECKING
 
 import elf_runtime  # noqa: F401  (first: it prepares ONNX Runtime)
 
-from .errors import (
-    ExportError,
-    LayerError,
-    UnsupportedGraphError,
-    UnsupportedNode,
-    VerificationError,
-    WeightsError,
-)
+from .errors import ExportError, LayerError, UnsupportedGraphError, UnsupportedNode, VerificationError, WeightsError
 
 if TYPE_CHECKING:
+    from .descriptors.projection import Reduction
     from .export import export_network
-    from .foreign.export import export_onnx
-    from .foreign.load import load_model
+    from .graph.passes import convert_opset, single_precision
     from .output import ExportResult
     from .preprocessing import Preprocessing
-    from .projection import Reduction
     from .saliency import build_gradient, build_saliency
+    from .sources.foreign.export import export_onnx
+    from .sources.foreign.load import load_model
 
 __all__ = [
     "ExportError",
@@ -40,20 +34,24 @@ __all__ = [
     "WeightsError",
     "build_gradient",
     "build_saliency",
+    "convert_opset",
     "export_network",
     "export_onnx",
     "load_model",
+    "single_precision",
 ]
 
 _HOMES = {
     "ExportResult": "output",
     "Preprocessing": "preprocessing",
-    "Reduction": "projection",
+    "Reduction": "descriptors.projection",
     "build_gradient": "saliency",
     "build_saliency": "saliency",
     "export_network": "export",
-    "export_onnx": "foreign.export",
-    "load_model": "foreign.load",
+    "export_onnx": "sources.foreign.export",
+    "convert_opset": "graph.passes",
+    "load_model": "sources.foreign.load",
+    "single_precision": "graph.passes",
 }
 
 

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from elf_runtime import InputSpec
 from elf_runtime.errors import ImageError
-from elf_runtime.image import is_flat, named, read, resized, to_pixels
+from elf_runtime.image.convert import is_flat, named, read, resized, to_pixels
 
 from .errors import ExportError
 
@@ -131,9 +131,7 @@ def calibration_set(folder: str | os.PathLike[str] | None = None) -> Calibration
     except OSError as error:
         raise ExportError(f"{root}: not a folder of calibration images: {error.strerror or error}") from error
     if not names:
-        raise ExportError(
-            f"{root}: no image to calibrate with; files that end in {', '.join(ENDINGS)} are looked for"
-        )
+        raise ExportError(f"{root}: no image to calibrate with; files that end in {', '.join(ENDINGS)} are looked for")
     if len(names) > MOST_IMAGES:
         names = [names[i * len(names) // MOST_IMAGES] for i in range(MOST_IMAGES)]
     files = tuple(root / name for name in names)
@@ -146,9 +144,5 @@ def calibration_set(folder: str | os.PathLike[str] | None = None) -> Calibration
             raise ExportError(f"{path}: {error.strerror or error}") from error
     if flat:
         raise ExportError(f"{root}: each image is of one colour throughout; take images that have texture")
-    name = (
-        f"{len(files)} images of {root.resolve().name}"
-        if folder is not None
-        else "the exporter's photographs"
-    )
+    name = f"{len(files)} images of {root.resolve().name}" if folder is not None else "the exporter's photographs"
     return CalibrationSet(name, files, sha.hexdigest(), ready=folder is None)

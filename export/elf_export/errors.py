@@ -48,4 +48,3 @@ class UnsupportedGraphError(ExportError):
             "Choose a layer before the first of them (--list shows the layers), or add a rule with "
             "elf_export.adjoint.adjoint."
         )
-

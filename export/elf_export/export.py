@@ -14,35 +14,26 @@ from numpy.typing import NDArray
 from elf_runtime import InputSpec, ModelContract, WeightsSpec
 from elf_runtime.contract import ReductionSpec
 
-from . import verify
 from .calibration import calibration_set
-from .describe import attach, by_network, label
+from .checks import autograd as verify
+from .checks.projection import MapCheck
+from .checks.projection import parity as map_parity
+from .descriptors.other_network import attach, by_network, label
+from .descriptors.projection import Reduction
+from .descriptors.reduce import arguments as reduction_arguments
+from .descriptors.reduce import reduce_descriptors
 from .detection import Wanted, chosen
 from .detection import arguments as detection_arguments
 from .errors import ExportError
-from .forward import DEFAULT_OPSET, NETWORK_INPUT, torch_to_onnx
-from .networks import get_network
-from .output import (
-    ExportResult,
-    check_opset,
-    check_output,
-    cost_of,
-    descriptor_specs,
-    first_that_runs,
-    versions,
-    write,
-)
-from .precision import check_precision, lower
+from .graph.receptive_field import receptive_fields, stated
+from .output import ExportResult, check_opset, check_output, cost_of, descriptor_specs, first_that_runs, versions, write
+from .precision.lower import check_precision, lower
 from .preprocessing import Preprocessing
-from .projection import Reduction
-from .receptive_field import receptive_fields, stated
-from .reduce import arguments as reduction_arguments
-from .reduce import reduce_descriptors
 from .saliency import build_saliency
-from .verify_projection import MapCheck
-from .verify_projection import parity as map_parity
-from .weights.load import Weights, load_weights
-from .weights.load import arguments as weights_arguments
+from .sources.forward import DEFAULT_OPSET, NETWORK_INPUT, torch_to_onnx
+from .sources.networks import get_network
+from .sources.weights.load import Weights, load_weights
+from .sources.weights.load import arguments as weights_arguments
 
 if TYPE_CHECKING:
     import torch
@@ -73,14 +64,14 @@ def export_network(
     Parameters
     ----------
     name : str
-        As in ``elf_export.networks.network_names()``.
+        As in ``elf_export.sources.networks.network_names()``.
     layer, descriptors : optional
         The paper's by default; an empty sequence makes a detector without descriptors.  ``vgg:pool3`` describes
         by a layer of another network, which comes into the same file.
     output : path, optional
         ``elf-NAME-LAYER.onnx`` by default.
     weights : path, optional
-        See `elf_export.weights.load.load_weights`.
+        See `elf_export.sources.weights.load.load_weights`.
     force : bool
         Overwrite an existing file.
     detection : DetectionParams or dict, optional
@@ -94,7 +85,7 @@ def export_network(
     calibration : path, optional
         Folder of images that reduction and precision are fitted to; the exporter's photographs by default.
     precision : "fp32", "fp16", "bf16" or "int8"
-        See `elf_export.precision.lower`.
+        See `elf_export.precision.lower.lower`.
 
     Returns
     -------
@@ -156,7 +147,7 @@ def export_network(
         provenance.append(its_weights)
         weights_words += weights_arguments("--desc-weights", other_network, its_layers, desc_weights, its_weights)
 
-    from .reference import torch_maps, torch_saliency
+    from .checks.reference import torch_maps, torch_saliency
 
     def reference(dtype: str) -> verify.Reference:
         return torch_saliency(copy.deepcopy(module), settings, dtype, network.gradient, color)

@@ -16,14 +16,14 @@ import elf_runtime
 from elf_runtime import DescriptorSpec, ModelContract
 from elf_runtime.contract import ReductionSpec
 from elf_runtime.errors import first_line
-from elf_runtime.files import unwritable, write_atomically
-from elf_runtime.session import open_session
+from elf_runtime.files.write import unwritable, write_atomically
+from elf_runtime.model.session import open_session
 
-from . import verify
-from .cost import PROBE, macs_per_pixel, parameters
+from .checks import autograd as verify
 from .errors import ExportError
-from .passes import OPSETS
-from .receptive_field import Field
+from .graph.cost import PROBE, macs_per_pixel, parameters
+from .graph.passes import OPSETS
+from .graph.receptive_field import Field
 from .saliency import SALIENCY, descriptor_output, stamp
 
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import onnx
 from onnx import TensorProto, helper
 
-from .graph import Graph, reduce_mean
+from .graph.graph import Graph, reduce_mean
 
 LEAST_STD = 1e-6  # of pixels in 0..255: keeps a flat image from dividing by zero
 

@@ -9,14 +9,15 @@ import numpy.typing as npt
 import onnx
 from onnx import helper
 
-from .adjoint import adjoint_parts, joining
+from .adjoint import adjoint_parts
+from .adjoint import interleave as joining
 from .adjoint.gradient import Part
-from .axes import axes_of
-from .cost import PROBE, fix_sizes, sizes_where_known
 from .errors import ExportError, LayerError
-from .graph import Graph, defined_in, nested_graphs
-from .layout import image_layout
-from .passes import (
+from .graph.axes import axes_of
+from .graph.cost import PROBE, fix_sizes, sizes_where_known
+from .graph.graph import Graph, defined_in, nested_graphs
+from .graph.layout import image_layout
+from .graph.passes import (
     compose_convs,
     cut,
     expand_response,
@@ -206,14 +207,10 @@ def _descriptor_outputs(
         source = names.get(name, name)
         if source not in axes:
             shape = graph.shape(source)
-            raise LayerError(
-                f"{name!r} can't describe keypoints: it is no map (N, D, h, w) of the image, but {shape}"
-            )
+            raise LayerError(f"{name!r} can't describe keypoints: it is no map (N, D, h, w) of the image, but {shape}")
         out = descriptor_output(name)
         if any(value.name == out for value in outputs):
-            raise LayerError(
-                f"two descriptor layers would both be the output {out!r}; export them one by one"
-            )
+            raise LayerError(f"two descriptor layers would both be the output {out!r}; export them one by one")
         perm = [axes[source].index(a) for a in "NHWC"]
         dim = sizes[source][perm[3]] if source in sizes else None
         graph.op("Transpose", source, name=f"descriptors/{name}", outputs=[out], perm=perm)
@@ -259,9 +256,7 @@ def only_image_input(graph: Graph) -> str:
     LayerError
         If there is none, or several.
     """
-    found = [
-        v.name for v in graph.model.graph.input if graph.rank(v.name) == 4 and not graph.is_constant(v.name)
-    ]
+    found = [v.name for v in graph.model.graph.input if graph.rank(v.name) == 4 and not graph.is_constant(v.name)]
     if len(found) != 1:
         names = [v.name for v in graph.model.graph.input]
         raise LayerError(f"which input is the image? The model takes {names}; name it")

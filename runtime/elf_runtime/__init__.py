@@ -12,10 +12,10 @@ from . import libraries as libraries  # before all that imports OpenCV or ONNX R
 from .contract import DescriptorSpec, InputSpec, ModelContract, WeightsSpec
 from .engine import ElfRuntime, Trace
 from .errors import ContractError, ElfError, ImageError, ModelError, ProviderError, SettingError
-from .features import Features
-from .matching import match
-from .ort_format import to_ort
+from .model.ort_format import to_ort
 from .params import PRESETS, DetectionParams, preset
+from .results.features import Features
+from .results.matching import match
 
 __version__ = "0.1.0"
 

@@ -62,9 +62,7 @@ class InputSpec:
         if self.color not in ("bgr", "rgb", "gray"):
             raise ValueError(f"color {self.color!r} is not one of bgr, rgb, gray")
         if self.layout != "NHWC" or self.dtype != "float32":
-            raise ValueError(
-                f"layout {self.layout!r} with dtype {self.dtype!r}; only NHWC float32 is defined"
-            )
+            raise ValueError(f"layout {self.layout!r} with dtype {self.dtype!r}; only NHWC float32 is defined")
         if self.channels != (1 if self.color == "gray" else 3):
             raise ValueError(f"{self.channels} channels do not fit color {self.color!r}")
         sizes = min(self.height, self.width) >= 0 and max(self.height, self.width) <= LARGEST_SIDE
@@ -229,9 +227,7 @@ class ModelContract:
                 f"{file}: not an ELF model: its metadata has no {key!r}. Any CNN can be made one: "
                 f"elf-export --onnx {file} --layer NAME --desc none (elf-export --onnx {file} --list shows the layers)"
             )
-        again = (
-            metadata.get(KEY_PREFIX + "command", "").strip('"')[:500] or "elf-export --net NETWORK --layer LAYER"
-        )
+        again = metadata.get(KEY_PREFIX + "command", "").strip('"')[:500] or "elf-export --net NETWORK --layer LAYER"
         hint = f"This runtime reads schema {SCHEMA_VERSION}. Export it again: {again}"
         if metadata[key] != str(SCHEMA_VERSION):
             raise ContractError(f"{file}: metadata key {key!r} is {metadata[key][:100]}. {hint}")
@@ -247,9 +243,7 @@ class ModelContract:
                 raise ContractError(
                     f"{file}: metadata key 'elf.{name}' is unreadable: {first_line(error)}. {hint}"
                 ) from error
-        missing = [
-            name for name in ("network", "layer", "stride", "input", "descriptors") if name not in values
-        ]
+        missing = [name for name in ("network", "layer", "stride", "input", "descriptors") if name not in values]
         if missing:
             raise ContractError(f"{file}: metadata key 'elf.{missing[0]}' is missing. {hint}")
         if values["stride"] == 0:
@@ -267,9 +261,7 @@ class ModelContract:
         hint = f"Export it again: {self.command[:500] or 'elf-export ...'}"
         if len(inputs) != 1 or inputs[0].name != self.input.name:
             names = [tensor.name for tensor in inputs]
-            raise ContractError(
-                f"{file}: 'elf.input' says {self.input.name!r}, the graph takes {names}. {hint}"
-            )
+            raise ContractError(f"{file}: 'elf.input' says {self.input.name!r}, the graph takes {names}. {hint}")
         shape = list(inputs[0].shape)
         if inputs[0].type != "tensor(float)" or len(shape) != 4 or shape[3] != self.input.channels:
             raise ContractError(

@@ -11,22 +11,22 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from . import image as images
-from .bundled import read_bundled
 from .contract import DescriptorSpec, ModelContract
-from .descriptors import sample
+from .detection.descriptors import sample
+from .detection.grid import passing_by_cell
+from .detection.maxima import maxima
+from .detection.refine import parabola_peaks
+from .detection.threshold import blurred, passing
+from .detection.work import Stopwatch, Work, as_points, prepared
 from .errors import ElfError, ImageError, SettingError, first_line
-from .features import Features
-from .image import Array, ImageLike
-from .maxima import maxima
-from .outputs import check_descriptors, check_map, check_saliency
+from .image import convert as images
+from .image.convert import Array, ImageLike
+from .model.bundled import read_bundled
+from .model.outputs import check_descriptors, check_map, check_saliency
+from .model.session import Provider, is_cpu, read_model, resolve_providers
+from .model.sessions import Sessions
 from .params import DetectionParams, is_int, preset
-from .refine import parabola_peaks
-from .session import Provider, is_cpu, read_model, resolve_providers
-from .sessions import Sessions
-from .spread import passing_by_cell
-from .threshold import blurred, passing
-from .work import Stopwatch, Work, as_points, prepared
+from .results.features import Features
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,26 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import onnx
 import pytest
-import torch
 
-from elf_export import directional, verify
-from elf_export.forward import NETWORK_INPUT, torch_to_onnx
-from elf_export.networks import get_network
+from elf_export.checks import autograd as verify
+from elf_export.checks import directional
 from elf_export.saliency import build_saliency
-from elf_export.weights.load import load_weights
-
-
-@dataclass(frozen=True)
-class Exported:
-    """The paper's detector: VGG16's pool2."""
-
-    module: torch.nn.Module
-    forward: onnx.ModelProto
-    model: onnx.ModelProto
+from elf_export.sources.forward import NETWORK_INPUT, torch_to_onnx
+from elf_export.sources.networks import get_network
+from elf_export.sources.weights.load import load_weights
+from export.exported import Exported
 
 
 @pytest.fixture(scope="session")

@@ -26,9 +26,7 @@ def write(folder: Path, name: str, height: int, width: int, seed: int = 0) -> np
 
 def test_the_photographs_are_those_of_their_page() -> None:
     page = (BUNDLED / "README.md").read_text()
-    listed = dict(
-        re.findall(r"^\| (\S+\.jpg) \| \S+ \| .* \| ([0-9a-f]{64}) \|$", page.split("## Originals")[0], re.M)
-    )
+    listed = dict(re.findall(r"^\| (\S+\.jpg) \| \S+ \| .* \| ([0-9a-f]{64}) \|$", page.split("## Originals")[0], re.M))
     found = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in BUNDLED.glob("*.jpg")}
     assert listed == found
     assert len(found) == 12

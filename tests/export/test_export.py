@@ -14,17 +14,18 @@ import pytest
 import torch
 from onnx import numpy_helper
 
-from elf_export import ExportError, LayerError, VerificationError, export_network, verify
-from elf_export.cli import main
-from elf_export.forward import NETWORK_INPUT, torch_to_onnx
-from elf_export.networks import get_network
-from elf_export.networks.vgg import LAYERS, tensor_shapes
+from elf_export import ExportError, LayerError, VerificationError, export_network
+from elf_export.checks import autograd as verify
+from elf_export.checks.reference import torch_saliency
+from elf_export.command.main import main
 from elf_export.output import first_that_runs
-from elf_export.reference import torch_saliency
 from elf_export.saliency import build_saliency
-from elf_export.weights.load import load_weights
+from elf_export.sources.forward import NETWORK_INPUT, torch_to_onnx
+from elf_export.sources.networks import get_network
+from elf_export.sources.networks.vgg import LAYERS, tensor_shapes
+from elf_export.sources.weights.load import load_weights
 from elf_runtime import ElfRuntime, preset
-from elf_runtime.session import BUNDLED, bundled_model
+from elf_runtime.model.session import BUNDLED, bundled_model
 from helpers import ROOT, shared, textured
 from seeded import evaluator64, seeded_weights
 
@@ -186,7 +187,8 @@ def test_unknown_layer_is_a_layer_error() -> None:
 
 def test_a_graph_that_disagrees_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrong adjoint (the kernel not flipped) fails verification, exits non-zero, and leaves no file."""
-    from elf_export.adjoint import conv, phases
+    from elf_export.adjoint import phases
+    from elf_export.adjoint.rules import conv
 
     def unflipped(weight: np.ndarray, group: int) -> np.ndarray:
         return np.ascontiguousarray(weight.swapaxes(0, 1))
@@ -250,9 +252,7 @@ def test_an_interruption_is_one_line_and_has_the_shell_s_status(
 
 @pytest.mark.parametrize("model", [["--net", "vgg"], ["--onnx", "a.onnx", "--layer", "a"]])
 @pytest.mark.parametrize("text", ["", ",", " , "])
-def test_an_empty_list_of_layers_is_not_none(
-    model: list[str], text: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_empty_list_of_layers_is_not_none(model: list[str], text: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         main([*model, "--desc", text])
     assert caught.value.code == 2
@@ -304,9 +304,7 @@ def test_the_command_names_the_weights_and_the_opset(tmp_path: Path, random_weig
     ):
         result = export_network("vgg", "pool1", [], tmp_path / "a.onnx", force=True, **options)
         assert words in result.contract.command
-    result = export_network(
-        "sobel", None, ["vgg:pool1"], tmp_path / "a.onnx", force=True, desc_weights=random_weights
-    )
+    result = export_network("sobel", None, ["vgg:pool1"], tmp_path / "a.onnx", force=True, desc_weights=random_weights)
     assert "--desc-weights random.npz --layer" in result.contract.command
 
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 import onnx
 import pytest
 
-from elf_export.forward import NETWORK_INPUT, torch_to_onnx
-from elf_export.networks import get_network, network_names
 from elf_export.saliency import build_saliency
-from elf_runtime.session import bundled_model
+from elf_export.sources.forward import NETWORK_INPUT, torch_to_onnx
+from elf_export.sources.networks import get_network, network_names
+from elf_runtime.model.session import bundled_model
 from seeded import seeded_weights
 
 # Run by TensorRT (8.6 and later, opsets 9 to 20) and by the CUDA provider, for float32.
@@ -55,10 +55,7 @@ def problems(model: onnx.ModelProto) -> list[str]:
         ]
         if node.op_type == "MaxPool" and len(node.output) > 1:
             found.append(f"{node.name}: TensorRT's MaxPool gives no indices")
-        if (
-            node.op_type in ("Conv", "ConvTranspose", "MaxPool")
-            and len(attributes.get("strides", [1, 1])) > 3
-        ):
+        if node.op_type in ("Conv", "ConvTranspose", "MaxPool") and len(attributes.get("strides", [1, 1])) > 3:
             found.append(f"{node.name}: more than three dimensions")
         # OpenVINO's provider takes an offset of 0 for the default, 0.5.
         if node.op_type == "HardSigmoid" and attributes.get("beta") == 0.0:

@@ -12,7 +12,7 @@ import numpy as np
 from elf_runtime import ElfRuntime, ImageError
 from elf_runtime.commands.detect import main as detect
 from elf_runtime.commands.info import main as info
-from elf_runtime.session import bundled_model
+from elf_runtime.model.session import bundled_model
 from helpers import TINY, textured
 
 from . import images, wire
@@ -80,7 +80,7 @@ def foreign_models(seed: int, limit: int) -> Iterator[Job]:
 
 
 def _foreign(data: bytes, layer: str, number: int) -> None:
-    from elf_export.cli import main as export
+    from elf_export.command.main import main as export
 
     with tempfile.TemporaryDirectory() as folder:
         path, out = Path(folder, "model.onnx"), Path(folder, "elf.onnx")

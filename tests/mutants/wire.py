@@ -7,7 +7,7 @@ import random
 from collections.abc import Iterator
 from typing import Any
 
-from elf_runtime.protobuf import Message, encoded, encoded_varint, raw_fields
+from elf_runtime.model.protobuf import Message, encoded, encoded_varint, raw_fields
 
 # Message -> field number -> the message that the field holds, after onnx.proto.
 SCHEMA: dict[str, dict[int, str]] = {

@@ -9,13 +9,13 @@ from typing import Any
 import onnxruntime
 
 import elf_runtime
+from elf_eval.data.images import Image
 from elf_eval.errors import EvalError
 from elf_eval.features import LocalFeatures
-from elf_eval.images import Image
 from elf_eval.settings import detection_changes
 from elf_eval.spec import Spec, file_digest
 from elf_runtime import ElfError, ElfRuntime, SettingError
-from elf_runtime.session import BUNDLED, bundled_model
+from elf_runtime.model.session import BUNDLED, bundled_model
 
 from .base import Method, code_digest
 
@@ -29,11 +29,7 @@ class Elf(Method):
     """
 
     def __init__(self, spec: Spec, threads: int | None) -> None:
-        path = (
-            spec.file("ELF model")
-            if spec.argument
-            else bundled_model(spec.take("precision", _precision, "int8"))
-        )
+        path = spec.file("ELF model") if spec.argument else bundled_model(spec.take("precision", _precision, "int8"))
         self._preset = spec.take("preset", str, None) or None
         self._descriptor = spec.take("descriptor", str, None) or None
         self._settings = detection_changes(spec)
@@ -43,7 +39,7 @@ class Elf(Method):
             self._runtime.contract.descriptor(self._descriptor)
         except (ElfError, SettingError) as error:
             raise EvalError(f"{spec.text}: {error}") from error
-        code = code_digest(*Path(elf_runtime.__file__).parent.glob("*.py"), __file__)
+        code = code_digest(*Path(elf_runtime.__file__).parent.rglob("*.py"), __file__)
         self._nms_radius = params.nms_radius
         self.fingerprint = json.dumps(
             ["elf", file_digest(path), self._descriptor, params.to_dict(), code, onnxruntime.__version__],
@@ -52,12 +48,8 @@ class Elf(Method):
 
     def extract(self, image: Image, limit: int) -> LocalFeatures:
         changes: dict[str, Any] = {**self._settings, "max_keypoints": limit}
-        found = self._runtime.detect(
-            image.pixels, preset=self._preset, descriptor=self._descriptor, **changes
-        )
-        return LocalFeatures.build(
-            found.keypoints, found.scores, found.descriptors, sizes=2.0 * self._nms_radius + 1.0
-        )
+        found = self._runtime.detect(image.pixels, preset=self._preset, descriptor=self._descriptor, **changes)
+        return LocalFeatures.build(found.keypoints, found.scores, found.descriptors, sizes=2.0 * self._nms_radius + 1.0)
 
     def describe(self, image: Image, features: LocalFeatures) -> LocalFeatures:
         scale = self._runtime.params(self._preset, **self._settings).scale

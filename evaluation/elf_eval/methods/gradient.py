@@ -11,14 +11,14 @@ import cv2
 import numpy as np
 
 import elf_runtime
+from elf_eval.data.images import Image
 from elf_eval.errors import EvalError
 from elf_eval.features import FloatArray, LocalFeatures
-from elf_eval.images import Image
 from elf_eval.settings import detection_changes
 from elf_eval.spec import Spec
 from elf_runtime import SettingError, preset
-from elf_runtime.nms import greedy_nms
-from elf_runtime.threshold import scores_and_mask
+from elf_runtime.detection.nms import greedy_nms
+from elf_runtime.detection.threshold import scores_and_mask
 
 from .base import Method, code_digest
 
@@ -46,7 +46,7 @@ class Gradient(Method):
             raise EvalError(f"{spec.text}: {error}") from error
         if self._params.scale != 1.0:
             raise EvalError(f"{spec.text}: an image gradient works at full resolution, not at scale")
-        code = code_digest(*Path(elf_runtime.__file__).parent.glob("*.py"), __file__)
+        code = code_digest(*Path(elf_runtime.__file__).parent.rglob("*.py"), __file__)
         self.fingerprint = json.dumps(
             [spec.kind, self._kernel, self._params.to_dict(), code, cv2.__version__], sort_keys=True
         )

@@ -8,9 +8,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from elf_eval.data.images import Image
 from elf_eval.errors import EvalError
 from elf_eval.features import LocalFeatures
-from elf_eval.images import Image
 from elf_eval.spec import Spec, file_digest
 
 from .base import Method, code_digest

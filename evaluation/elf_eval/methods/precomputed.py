@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from elf_eval.data.images import Image
 from elf_eval.errors import EvalError, reason
 from elf_eval.features import LocalFeatures
 from elf_eval.geometry import warp
-from elf_eval.images import Image
 from elf_eval.spec import Spec
 
 from .base import Method

@@ -17,10 +17,10 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime as ort
 
+from elf_eval.data.images import Image
 from elf_eval.errors import EvalError
 from elf_eval.features import FloatArray, LocalFeatures
 from elf_eval.geometry import Float
-from elf_eval.images import Image
 from elf_eval.spec import Spec, file_digest
 
 from .base import Method, code_digest

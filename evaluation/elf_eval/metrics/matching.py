@@ -29,9 +29,7 @@ def descriptor_distances(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> Float:
         # |a xor b| = |a| + |b| - 2 a.b over the bits: one matrix product instead of N x M x bits bytes.
         x, y = np.unpackbits(a, axis=1), np.unpackbits(b, axis=1)
         common = x.astype(np.float32) @ y.astype(np.float32).T
-        return np.asarray(
-            x.sum(1, dtype=np.int64)[:, None] + y.sum(1, dtype=np.int64) - 2.0 * common, np.float64
-        )
+        return np.asarray(x.sum(1, dtype=np.int64)[:, None] + y.sum(1, dtype=np.int64) - 2.0 * common, np.float64)
     x64, y64 = a.astype(np.float64), b.astype(np.float64)
     squared = (x64**2).sum(1)[:, None] + (y64**2).sum(1) - 2.0 * (x64 @ y64.T)
     return np.asarray(np.sqrt(np.maximum(squared, 0.0)))

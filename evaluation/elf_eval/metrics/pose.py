@@ -47,9 +47,7 @@ def estimate_pose(
     best: tuple[Float, Float] | None = None
     inliers, most = nothing, 0
     for candidate in np.split(essential, len(essential) // 3):  # the five-point solver may give several
-        count, rotation, direction, front = cv2.recoverPose(
-            candidate, rays1, rays2, np.eye(3), mask=mask.copy()
-        )
+        count, rotation, direction, front = cv2.recoverPose(candidate, rays1, rays2, np.eye(3), mask=mask.copy())
         if count > most:
             best, inliers, most = (rotation, direction.ravel()), np.asarray(front, np.bool_).ravel(), count
     return best, inliers

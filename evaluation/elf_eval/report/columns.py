@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from elf_eval.metrics import Estimate, auc_trapezoids
 from elf_eval.metrics.homography import HOMOGRAPHY_THRESHOLDS
 from elf_eval.metrics.pose import POSE_THRESHOLDS
-from elf_eval.results import PairResult
+from elf_eval.run.results import PairResult
 
 from .summary import having, summarize
 

@@ -129,8 +129,7 @@ def _along(line: Any, step: float) -> Float:
     """(N, 2) pixels along a line, at most `step` apart."""
     path = line.get_transform().transform_path(line.get_path()).vertices
     parts = [
-        a + np.linspace(0.0, 1.0, int(np.hypot(*(b - a)) / step) + 2)[:, None] * (b - a)
-        for a, b in pairwise(path)
+        a + np.linspace(0.0, 1.0, int(np.hypot(*(b - a)) / step) + 2)[:, None] * (b - a) for a, b in pairwise(path)
     ]
     return np.concatenate(parts)
 

@@ -7,8 +7,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from elf_eval.results import Results
-from elf_eval.suite import TableEntry
+from elf_eval.run.results import Results
+from elf_eval.suite.suite import TableEntry
 
 from . import plots
 from .table import Table

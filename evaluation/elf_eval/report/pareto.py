@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from elf_eval.pareto import Point, Study, front
+from elf_eval.bench.pareto import Point, Study, front
 
 from .labels import place_labels
 from .table import Table
@@ -63,10 +63,7 @@ def _main(study: Study) -> Table:
 
 def _groups(study: Study) -> Table:
     names = list(study.about["groups"])
-    scenes = [
-        "{} ({})".format(n, ", ".join(s.partition("_")[2] or s for s in study.about["groups"][n]))
-        for n in names
-    ]
+    scenes = ["{} ({})".format(n, ", ".join(s.partition("_")[2] or s for s in study.about["groups"][n])) for n in names]
     rows = [[p.name, *(_percent(p.groups[n]) for n in names)] for p in study.points if p.score is not None]
     return Table("ms by group of scenes", ["method", *scenes], rows)
 
@@ -88,9 +85,7 @@ def draw(study: Study, path: Path) -> None:
     axes.set_ylim(max(0.0, min(scores) - 4), max(scores) + 6)
     x = np.repeat([*(p.milliseconds.value for p in best), axes.get_xlim()[1]], 2)[1:]
     y = np.repeat([100 * (p.score or 0.0) for p in best], 2)
-    steps = axes.plot(
-        x[:-1], y, color="#888888", linewidth=1.5, zorder=1, label="front: none is faster and better"
-    )
+    steps = axes.plot(x[:-1], y, color="#888888", linewidth=1.5, zorder=1, label="front: none is faster and better")
     for family, style in zip(dict.fromkeys(p.family for p in points), _cycle(), strict=False):
         own = [p for p in points if p.family == family]
         axes.scatter(
@@ -101,9 +96,7 @@ def draw(study: Study, path: Path) -> None:
         f"ms per image, {study.about['width']}x{study.about['height']}, "
         f"{study.about['environment']['threads']} threads (detection and description)"
     )
-    axes.set_ylabel(
-        f"matching score, % ({study.about['dataset']}, up to {study.about['max_keypoints']} keypoints)"
-    )
+    axes.set_ylabel(f"matching score, % ({study.about['dataset']}, up to {study.about['max_keypoints']} keypoints)")
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_locator(NullLocator())

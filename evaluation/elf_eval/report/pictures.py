@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from elf_eval.cache import Extracted, FeatureCache
-from elf_eval.datasets import Pair, open_dataset
+from elf_eval.data import Pair, open_dataset
 from elf_eval.methods import open_methods
 from elf_eval.metrics import descriptor_distances, mutual_nearest
-from elf_eval.results import Results
-from elf_eval.runner import Resources
-from elf_eval.suite import Suite
+from elf_eval.run.cache import Extracted, FeatureCache
+from elf_eval.run.results import Results
+from elf_eval.run.runner import Resources
+from elf_eval.suite.suite import Suite
 
 from .names import wrapped
 
@@ -76,11 +76,7 @@ def draw_matches(
         matches = mutual_nearest(descriptor_distances(a.descriptors, b.descriptors))
     p1, p2 = a.keypoints[matches[:, 0]], b.keypoints[matches[:, 1]]
     forward = pair.truth.at(first.to_working, second.to_working).forward
-    error = (
-        np.full(len(p1), np.nan)
-        if forward is None
-        else np.linalg.norm(forward(p1.astype(float)) - p2, axis=1)
-    )
+    error = np.full(len(p1), np.nan) if forward is None else np.linalg.norm(forward(p1.astype(float)) - p2, axis=1)
     right = error <= eps
     for i in np.argsort(right, kind="stable"):  # the right ones on top
         colour = _GREY if np.isnan(error[i]) else _GREEN if right[i] else _RED

@@ -10,8 +10,8 @@ import numpy as np
 
 from elf_eval.metrics import Estimate
 from elf_eval.metrics.matching import MMA_THRESHOLDS
-from elf_eval.results import PairResult, Results
-from elf_eval.suite import TableEntry
+from elf_eval.run.results import PairResult, Results
+from elf_eval.suite.suite import TableEntry
 
 from .names import wrapped
 from .summary import having, keypoints, summarize

@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from elf_eval.metric_names import is_share
 from elf_eval.metrics import Estimate, mean_interval
-from elf_eval.results import PairResult
+from elf_eval.metrics.names import is_share
+from elf_eval.run.results import PairResult
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,12 @@ import csv
 from pathlib import Path
 from typing import Any
 
-from elf_eval import paper
 from elf_eval.metrics.homography import HOMOGRAPHY_THRESHOLDS
 from elf_eval.metrics.matching import MMA_THRESHOLDS
 from elf_eval.metrics.pose import POSE_THRESHOLDS
-from elf_eval.results import PairResult, Results
-from elf_eval.suite import TableEntry
+from elf_eval.run.results import PairResult, Results
+from elf_eval.suite import paper
+from elf_eval.suite.suite import TableEntry
 
 from .columns import by_pairs, short, superglue
 from .summary import having, image_counts, keypoints, metrics_in, summarize
@@ -50,9 +50,7 @@ def how_counted(results: Results, counts: str) -> str:
     return f"equal counts, at least {floor}" if floor else "equal counts"
 
 
-def _caption(
-    results: Results, dataset: dict[str, Any], counts: str, found: list[list[PairResult]]
-) -> str:
+def _caption(results: Results, dataset: dict[str, Any], counts: str, found: list[list[PairResult]]) -> str:
     """The dataset, how many keypoints are kept, and the pairs and scenes that a table is over."""
     there = {(p.scene, p.pair) for pairs in found for p in pairs}
     sizes = (len(there), dataset["pairs"], "pair"), (len({scene for scene, _ in there}), dataset["scenes"], "scene")
@@ -100,9 +98,7 @@ def _counted(pairs: list[PairResult]) -> str:
     return f"{count.mean:.0f} ({count.least})"
 
 
-def _by_parameter(
-    results: Results, dataset: dict[str, Any], methods: list[dict[str, Any]], counts: str
-) -> Table:
+def _by_parameter(results: Results, dataset: dict[str, Any], methods: list[dict[str, Any]], counts: str) -> Table:
     found = [results.of(dataset["name"], method["name"], counts) for method in methods]
     values = sorted({p.parameter for pairs in found for p in pairs if p.parameter is not None})
     rows = []
@@ -118,9 +114,7 @@ def _by_parameter(
     return Table(title, ["method", *(f"{value:g}" for value in values)], rows)
 
 
-def _by_threshold(
-    results: Results, dataset: dict[str, Any], methods: list[dict[str, Any]], counts: str
-) -> Table:
+def _by_threshold(results: Results, dataset: dict[str, Any], methods: list[dict[str, Any]], counts: str) -> Table:
     found = [having(results.of(dataset["name"], m["name"], counts), f"mma@{MMA_THRESHOLDS[0]}") for m in methods]
     rows = []
     for method, pairs in zip(methods, found, strict=True):

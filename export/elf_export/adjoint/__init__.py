@@ -2,24 +2,7 @@
 
 from __future__ import annotations
 
-from . import (  # noqa: F401  (importing them registers their rules)
-    activation,
-    conv,
-    einsum,
-    elementwise,
-    matmul,
-    normalization,
-    nothing,
-    padding,
-    pieces,
-    pool,
-    quantization,
-    reduction,
-    resize,
-    shapes,
-    smooth,
-    softmax,
-)
+from . import rules as rules  # registers them
 from .engine import adjoint_parts, build_adjoint, nodes_between, opset_wanted, unsupported_behind
 from .registry import Context, Gradients, adjoint, no_gradient, supported_ops
 

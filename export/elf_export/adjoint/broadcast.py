@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import onnx
 
-from elf_export.graph import Graph
+from elf_export.graph.graph import Graph
 
-from .portable import reduce, squeeze
+from .emit import reduce, squeeze
 from .registry import Context, NeedsOpset
-from .sizes import Sizes
+from .same_size import Sizes
 
 AT_RUN_TIME = 13  # the opset from which on ReduceSum takes axes that are computed
 
@@ -48,9 +48,7 @@ def repeats(graph: Graph, sizes: Sizes, name: str, result: str, core_axes: int =
     return Repeats(lead, tuple(axes), tuple(unsure))
 
 
-def why_not(
-    graph: Graph, sizes: Sizes, node: onnx.NodeProto, wanted: list[bool], core_axes: int
-) -> str | None:
+def why_not(graph: Graph, sizes: Sizes, node: onnx.NodeProto, wanted: list[bool], core_axes: int) -> str | None:
     """Why the broadcasting of `node` can't be undone, None if it can."""
     for name, want in zip(node.input, wanted, strict=True):
         if not want:
@@ -77,9 +75,7 @@ def unbroadcast(ctx: Context, sizes: Sizes, grad: str, name: str, core_axes: int
     if found.lead:
         grad = squeeze(ctx, grad, list(range(found.lead)), "squeeze")
     if found.unsure:
-        same = ctx.op(
-            "Equal", ctx.op("Shape", name, role="own_shape"), ctx.op("Shape", grad, role="grad_shape")
-        )
+        same = ctx.op("Equal", ctx.op("Shape", name, role="own_shape"), ctx.op("Shape", grad, role="grad_shape"))
         differ = ctx.op("NonZero", ctx.op("Not", same), role="repeated")  # (1, axes)
         at_run_time = squeeze(ctx, differ, [0], "repeated_axes")
         grad = reduce(ctx, "ReduceSum", grad, at_run_time, "unbroadcast_at_run_time", noop=1)

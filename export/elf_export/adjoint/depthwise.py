@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from . import portable
-from .joining import channels_of
+from . import emit as portable
+from .interleave import channels_of
 from .registry import Context
 
 

@@ -11,11 +11,11 @@ from __future__ import annotations
 import onnx
 
 from elf_export.errors import LayerError, UnsupportedGraphError, UnsupportedNode
-from elf_export.graph import Graph, captured
+from elf_export.graph.graph import Graph, captured
 
 from . import broadcast, phases
 from .gradient import ADJOINT, Part
-from .joining import whole
+from .interleave import whole
 from .registry import (
     Context,
     NeedsOpset,
@@ -26,7 +26,7 @@ from .registry import (
     is_straight_through,
     supported_ops,
 )
-from .sizes import Sizes
+from .same_size import Sizes
 
 # Integer arithmetic whose scales are computed with the image.
 QUANTISED = frozenset({
@@ -36,16 +36,12 @@ QUANTISED = frozenset({
 })  # fmt: skip
 
 
-def build_adjoint(
-    graph: Graph, output: str, wrt: str, seed: str | None = None, channels_last: bool = False
-) -> str:
+def build_adjoint(graph: Graph, output: str, wrt: str, seed: str | None = None, channels_last: bool = False) -> str:
     """As `adjoint_parts`, the gradient in one piece: a value of the shape of `wrt`."""
     return whole(graph, adjoint_parts(graph, output, wrt, seed, channels_last))
 
 
-def adjoint_parts(
-    graph: Graph, output: str, wrt: str, seed: str | None = None, channels_last: bool = False
-) -> Part:
+def adjoint_parts(graph: Graph, output: str, wrt: str, seed: str | None = None, channels_last: bool = False) -> Part:
     """Append the nodes that compute the vector-Jacobian product seed^T d(output)/d(wrt).
 
     Parameters
@@ -185,9 +181,7 @@ def why_unsupported(ctx: Context, live: set[str], sizes: Sizes) -> str | None:
             return f"its input {name!r} depends on the image; the rule takes what does not there"
     for i, name in enumerate(node.output):
         if entry.outputs is not None and i >= entry.outputs and name in live:
-            return (
-                f"its output {name!r} is used; the rule knows the gradient of the first {entry.outputs} only"
-            )
+            return f"its output {name!r} is used; the rule knows the gradient of the first {entry.outputs} only"
     reason = entry.supports(ctx) if entry.supports else None
     if reason is None and entry.broadcasts:
         reason = broadcast.why_not(ctx.graph, sizes, node, list(ctx.wanted), entry.core_axes)

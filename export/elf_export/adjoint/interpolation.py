@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from onnx import TensorProto, helper
 
-from elf_export.graph import Array
+from elf_export.graph.graph import Array
 
-from .portable import Ints, arithmetic, as_number, ints, scalar, size_of, slice_axes, unsqueeze
+from .emit import Ints, arithmetic, as_number, ints, scalar, size_of, slice_axes, unsqueeze
 from .registry import Context
 
 MODES = ("nearest", "linear", "cubic")
@@ -57,9 +57,7 @@ def interpolation_matrix(ctx: Context, axis: int, position: int) -> str:
         hit = ctx.op("Equal", unsqueeze(ctx, place, [1], f"{tag}_rows_{t}"), columns, role=f"{tag}_hit_{t}")
         tap = as_number(ctx, hit, x, f"{tag}_mask_{t}")
         if weight is not None:
-            tap = ctx.op(
-                "Mul", tap, unsqueeze(ctx, weight, [1], f"{tag}_w_{t}"), role=f"{tag}_tap_{t}_weighted"
-            )
+            tap = ctx.op("Mul", tap, unsqueeze(ctx, weight, [1], f"{tag}_w_{t}"), role=f"{tag}_tap_{t}_weighted")
         taps.append(tap)
     return taps[0] if len(taps) == 1 else ctx.op("Sum", *taps, role=f"{tag}_matrix")
 

@@ -17,15 +17,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from elf_export.graph import Array
+from elf_export.graph.graph import Array
 
 from . import depthwise
-from .activation import room
-from .geometry import Window, flipped, window_of
+from .emit import step
 from .gradient import Extent, Part, Phases, Rectified
-from .joining import known_channels, whole
-from .portable import step
+from .interleave import known_channels, whole
 from .registry import Context, Rule
+from .rules.activation import room
+from .windows import Window, flipped, window_of
 
 FEW = 16  # channels of one block of the blocked layout (AVX-512); a convolution to fewer pays for all of them
 PHASES = ((0, 0), (0, 1), (1, 0), (1, 1))

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 import onnx
 
-from elf_export.graph import Array, Dim, Graph, attributes
+from elf_export.graph.graph import Array, Dim, Graph, attributes
 
 from .gradient import ADJOINT
 from .gradient import Gradients as Gradients  # rules import it from here
@@ -76,9 +76,7 @@ class Context:
         """Emit a node and return its (first) output."""
         return self.graph.op(op_type, *inputs, name=self.name(role or op_type.lower()), **attrs)
 
-    def const(
-        self, value: Any, role: str, like: str | None = None, dtype: np.dtype[Any] | None = None
-    ) -> str:
+    def const(self, value: Any, role: str, like: str | None = None, dtype: np.dtype[Any] | None = None) -> str:
         """Emit a constant; of the dtype of the forward value `like`, or of `dtype`, if given."""
         dtype = self.graph.dtype(like) if like is not None else dtype
         return self.graph.const(value, self.name(role), dtype)
@@ -148,9 +146,7 @@ def adjoint(
     def register(rule: RuleT) -> RuleT:
         for op in ops:
             _refuse_twice(op)
-            _RULES[op] = Entry(
-                rule, since_opset, supports, inputs, outputs, broadcasts, core_axes, through_integers
-            )
+            _RULES[op] = Entry(rule, since_opset, supports, inputs, outputs, broadcasts, core_axes, through_integers)
         return rule
 
     return register

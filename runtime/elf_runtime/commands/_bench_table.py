@@ -53,9 +53,7 @@ def _size_rows(entry: Mapping[str, Any]) -> list[str]:
     memory = entry["memory"]
     if memory["peak_detect_bytes"] is not None:
         loaded, detected = (memory[key] / 2**20 for key in ("peak_loaded_bytes", "peak_detect_bytes"))
-        rows.append(
-            f"  peak memory of a fresh process: {loaded:.0f} MiB loaded, {detected:.0f} MiB detecting"
-        )
+        rows.append(f"  peak memory of a fresh process: {loaded:.0f} MiB loaded, {detected:.0f} MiB detecting")
     rows.append(f"  first detection of a fresh process: {1e3 * memory['first_detect_s']:.0f} ms")
     return rows
 

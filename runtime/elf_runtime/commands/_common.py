@@ -10,16 +10,16 @@ from typing import Any
 import cv2
 import numpy.typing as npt
 
-from elf_runtime import image as images
-from elf_runtime.canvas import Picture
-from elf_runtime.command import UsageError
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError
-from elf_runtime.files import write_atomically
-from elf_runtime.image import MAX_PIXELS
+from elf_runtime.files.write import write_atomically
+from elf_runtime.image import convert as images
+from elf_runtime.image.convert import MAX_PIXELS
 from elf_runtime.params import PRESETS, DetectionParams
+from elf_runtime.pictures.canvas import Picture
 
 from ._settings import setting
+from .command import UsageError
 
 # What `cv2.imread` of every build decodes; a folder may hold other files too.
 IMAGE_SUFFIXES = frozenset(
@@ -31,17 +31,13 @@ _SETTINGS = tuple(field.name for field in fields(DetectionParams))
 def add_model_options(parser: argparse.ArgumentParser, model: bool = True) -> None:
     group = parser.add_argument_group("model")
     if model:
-        group.add_argument(
-            "--model", metavar="FILE", help="ELF model that elf-export wrote; default: the bundled one"
-        )
+        group.add_argument("--model", metavar="FILE", help="ELF model that elf-export wrote; default: the bundled one")
     group.add_argument(
         "--provider",
         metavar="NAME",
         help="ONNX Runtime execution provider: cpu (default), cuda, openvino, ...",
     )
-    group.add_argument(
-        "--threads", type=positive, metavar="N", help="threads of the network; default: one per core"
-    )
+    group.add_argument("--threads", type=positive, metavar="N", help="threads of the network; default: one per core")
 
 
 def add_detection_options(parser: argparse.ArgumentParser) -> None:
@@ -62,9 +58,7 @@ def add_detection_options(parser: argparse.ArgumentParser) -> None:
         metavar="R",
         help="a keypoint suppresses weaker ones within R pixels in x and y, to the nearest pixel at the working scale",
     )
-    group.add_argument(
-        "--border", type=int, metavar="B", help="no keypoints within B pixels of the image's edges"
-    )
+    group.add_argument("--border", type=int, metavar="B", help="no keypoints within B pixels of the image's edges")
     group.add_argument(
         "--grid", type=grid, metavar="RxC",
         help="spread keypoints over R x C cells of the image, an equal share each",
@@ -73,12 +67,8 @@ def add_detection_options(parser: argparse.ArgumentParser) -> None:
         "--preset", choices=PRESETS,
         help="fast, default (the model's own), accurate, or settings of the ELF paper's experiments",
     )  # fmt: skip
-    group.add_argument(
-        "--scale", type=float, metavar="S", help="resize the image by S for the network (0.5 = half)"
-    )
-    group.add_argument(
-        "--descriptor", metavar="LAYER", help="which of the model's descriptors (see elf-info)"
-    )
+    group.add_argument("--scale", type=float, metavar="S", help="resize the image by S for the network (0.5 = half)")
+    group.add_argument("--descriptor", metavar="LAYER", help="which of the model's descriptors (see elf-info)")
     group.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", type=setting,
         help=f"any setting, such as normalize=0.95 or denoise=5,1.2; may be given several times. NAME is one of "

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.ort_format import is_ort_format
-from elf_runtime.session import bundled_model
+from elf_runtime.model.ort_format import is_ort_format
+from elf_runtime.model.session import bundled_model
 
 Image = npt.NDArray[np.uint8]
 PEERS = ("torch", "sift", "orb")
@@ -58,15 +58,11 @@ def saliencies(elf: ElfRuntime, twin: ElfRuntime | None, image: Image) -> list[C
     return found
 
 
-def peers(
-    names: Sequence[str], image: Image, torch_saliency: Callable[[Image], Any] | None
-) -> list[Contender]:
+def peers(names: Sequence[str], image: Image, torch_saliency: Callable[[Image], Any] | None) -> list[Contender]:
     """The peers among `names`: OpenCV's on the grey image, torch's autograd saliency on the colour one."""
     found = []
     if "torch" in names and torch_saliency is not None:
-        found.append(
-            Contender("torch", "torch autograd, the saliency in fp32", _map_only(torch_saliency, image))
-        )
+        found.append(Contender("torch", "torch autograd, the saliency in fp32", _map_only(torch_saliency, image)))
     gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     for name in ("sift", "orb"):
         if name in names:
@@ -94,14 +90,14 @@ def float_model(model: str | None, torch_model: str | None) -> str:
 
 
 def torch_peer(model: str, threads: int) -> tuple[Callable[[Image], Any] | None, str]:
-    """The saliency function that `elf_export.torch_reference` rebuilds from the model, or why there is none.
+    """The saliency function that `elf_export.checks.torch_reference` rebuilds from the model, or why there is none.
 
     The exporter is asked for by name and only here: the runtime neither needs nor imports it, or torch.
     """
     if is_ort_format(model):
         return None, f"{model} is in ORT format; give the .onnx file that it was made from as --torch-model"
     try:
-        reference = importlib.import_module("elf_export.torch_reference")
+        reference = importlib.import_module("elf_export.checks.torch_reference")
         torch = importlib.import_module("torch")
     except ImportError as error:
         return None, f"not installed ({error.name})"

@@ -70,9 +70,7 @@ def peak_memory(
     return {key: run[key] for key in ("peak_loaded_bytes", "peak_detect_bytes", "first_detect_s")}
 
 
-def _run(
-    model: str | None, provider: str | None, threads: int, size: tuple[int, int] | None
-) -> dict[str, Any]:
+def _run(model: str | None, provider: str | None, threads: int, size: tuple[int, int] | None) -> dict[str, Any]:
     options = {"model": model, "provider": provider, "threads": threads, "size": size}
     # The child must find the package that runs here, installed or not.
     package = str(Path(elf_runtime.__file__).resolve().parents[1])

@@ -76,9 +76,7 @@ def _graph_rows(graph: Mapping[str, Any]) -> list[str]:
 def _contract_rows(contract: Mapping[str, Any], gflop: Mapping[str, float]) -> list[str]:
     spec, weights = contract["input"], contract["weights"]
     rows = ["", "model"]
-    rows.append(
-        _row("network, layer", f"{contract['network']} {contract['layer']}, stride {contract['stride']:g}")
-    )
+    rows.append(_row("network, layer", f"{contract['network']} {contract['layer']}, stride {contract['stride']:g}"))
     described = contract["descriptors"] or [None]
     rows += [_row("descriptor", _descriptor(d) if d else "none") for d in described[:_MOST_ROWS]]
     if len(described) > _MOST_ROWS:

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
-from elf_runtime.command import UsageError
-from elf_runtime.features import load_record
-from elf_runtime.files import real
+from elf_runtime.files.write import real
+from elf_runtime.results.features import load_record
 
 from ._common import IMAGE_SUFFIXES
+from .command import UsageError
 
 # What builds of OpenCV may decode too, where such files are named.
 _OTHER_SUFFIXES = frozenset((".avif", ".exr", ".gif", ".hdr", ".jpe", ".pam", ".pfm", ".pic", ".ras", ".sr"))
@@ -56,9 +56,7 @@ def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | 
             inside = sorted(p for p in images if not _is_written(p))
             if not inside:
                 place = " or below it" if recursive else "; --recursive looks below it too"
-                raise UsageError(
-                    f"{argument}: no images ({', '.join(sorted(IMAGE_SUFFIXES))}) in this folder{place}"
-                )
+                raise UsageError(f"{argument}: no images ({', '.join(sorted(IMAGE_SUFFIXES))}) in this folder{place}")
             found += [(p, path) for p in inside]
         elif not os.path.lexists(path) and glob.has_magic(argument):
             # Where the shell has not expanded it: it was quoted, or the shell is Windows' own.

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from elf_runtime.command import UsageError
 from elf_runtime.errors import ElfError
-from elf_runtime.files import existing, real, unwritable
+from elf_runtime.files.write import existing, real, unwritable
+
+from .command import UsageError
 
 
 def check_outputs(

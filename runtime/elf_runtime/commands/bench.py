@@ -14,13 +14,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from elf_runtime import command
-from elf_runtime import image as images
+from elf_runtime.checks.statistics import paired_ratio, summary
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.render import displayable
-from elf_runtime.statistics import paired_ratio, summary
+from elf_runtime.image import convert as images
+from elf_runtime.pictures.render import displayable
 
-from . import _common
+from . import _common, command
 from ._bench_table import table
 from ._contenders import PEERS, Contender, Image, float_model, ours, peers, saliencies, synthetic, torch_peer
 from ._fresh import environment, peak_memory, start_up, usable_cores
@@ -66,12 +65,8 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="photograph to resize; default: a synthetic textured image from a fixed seed",
     )
-    parser.add_argument(
-        "--repeats", type=_common.positive, default=20, metavar="N", help="repetitions; default: 20"
-    )
-    parser.add_argument(
-        "--warmup", type=_common.positive, default=3, metavar="N", help="rounds before; default: 3"
-    )
+    parser.add_argument("--repeats", type=_common.positive, default=20, metavar="N", help="repetitions; default: 20")
+    parser.add_argument("--warmup", type=_common.positive, default=3, metavar="N", help="rounds before; default: 3")
     parser.add_argument(
         "--processes",
         type=_common.positive,
@@ -82,12 +77,8 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--peers", metavar="NAME,...", help="of torch, sift, orb, or none: detection only; default: those installed"
     )
-    parser.add_argument(
-        "--torch-model", metavar="FILE", help="ELF model whose weights torch takes; default: --model"
-    )
-    parser.add_argument(
-        "--json", metavar="FILE", help="write everything, samples included; - is standard output"
-    )
+    parser.add_argument("--torch-model", metavar="FILE", help="ELF model whose weights torch takes; default: --model")
+    parser.add_argument("--json", metavar="FILE", help="write everything, samples included; - is standard output")
     _common.add_model_options(parser)
     parser.add_argument(
         "--spin", action="store_true", help="let idle threads spin between runs too: pays where cores are free"

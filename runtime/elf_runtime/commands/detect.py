@@ -15,14 +15,13 @@ from typing import Any
 import numpy as np
 
 import elf_runtime
-from elf_runtime import command
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError, ImageError, printable, reason
-from elf_runtime.features import load_record
-from elf_runtime.files import file_sha256
-from elf_runtime.render import detection_picture
+from elf_runtime.files.write import file_sha256
+from elf_runtime.pictures.render import detection_picture
+from elf_runtime.results.features import load_record
 
-from . import _common
+from . import _common, command
 from ._inputs import check_pictures, image_files
 from ._outputs import check_outputs
 
@@ -76,7 +75,8 @@ def build_parser() -> argparse.ArgumentParser:
         "--overwrite", action="store_true", help="replace what is there even if it is not this image's result"
     )
     parser.add_argument(
-        "--mask", metavar="FILE",
+        "--mask",
+        metavar="FILE",
         help="image of the same size: keypoints only where it is not black, and away from its edge (see mask_border)",
     )
     parser.add_argument("--no-picture", action="store_true", help="write no NAME.png")

@@ -13,18 +13,18 @@ from typing import Any
 import numpy.typing as npt
 import onnxruntime as ort
 
-from elf_runtime import command
-from elf_runtime.agreement import compare, pattern
+from elf_runtime.checks.agreement import compare, pattern
 from elf_runtime.contract import SCHEMA_VERSION, ModelContract
-from elf_runtime.coverage import measure
+from elf_runtime.detection.work import prepared
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError
-from elf_runtime.image import named, read
-from elf_runtime.onnx_file import OnnxFile, Tensor, read_onnx
-from elf_runtime.ort_format import is_ort_format, to_ort
-from elf_runtime.session import Provider, bundled_model, is_cpu, resolve_providers
-from elf_runtime.work import prepared
+from elf_runtime.image.convert import named, read
+from elf_runtime.model.coverage import measure
+from elf_runtime.model.onnx_file import OnnxFile, Tensor, read_onnx
+from elf_runtime.model.ort_format import is_ort_format, to_ort
+from elf_runtime.model.session import Provider, bundled_model, is_cpu, resolve_providers
 
+from . import command
 from ._info_text import report_text
 from ._outputs import check_outputs
 
@@ -52,9 +52,7 @@ examples:
 def build_parser() -> argparse.ArgumentParser:
     parser = command.new_parser("elf-info", DESCRIPTION, EPILOG)
     parser.add_argument("model", nargs="?", metavar="MODEL", help="an .onnx or .ort file; default: the bundled model")
-    parser.add_argument(
-        "--provider", metavar="NAME", help="measure this provider only; default: all installed"
-    )
+    parser.add_argument("--provider", metavar="NAME", help="measure this provider only; default: all installed")
     parser.add_argument(
         "--option", action="append", default=[], metavar="KEY=VALUE",
         help="an option of that provider, as ONNX Runtime names it; may be repeated",
@@ -117,9 +115,7 @@ def _option(text: str) -> tuple[str, str]:
     return key, value
 
 
-def _measured(
-    path: Path, contract: ModelContract, provider: Provider, image: npt.NDArray[Any]
-) -> dict[str, Any]:
+def _measured(path: Path, contract: ModelContract, provider: Provider, image: npt.NDArray[Any]) -> dict[str, Any]:
     """What the provider ran of the model, and its keypoints against the CPU's."""
     coverage = measure(path, contract, provider)
     run: dict[str, Any] = {**dataclasses.asdict(coverage), "complete": coverage.complete, "agreement": None}

@@ -11,16 +11,15 @@ from typing import Any
 import cv2
 import numpy as np
 
-from elf_runtime import command
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import SettingError, printable
-from elf_runtime.features import Features
-from elf_runtime.files import write_atomically
-from elf_runtime.geometry import LEAST_MATCHES, TwoView, fit
-from elf_runtime.matching import match
-from elf_runtime.render import match_picture
+from elf_runtime.files.write import write_atomically
+from elf_runtime.pictures.render import match_picture
+from elf_runtime.results.features import Features
+from elf_runtime.results.matching import match
+from elf_runtime.results.two_view import LEAST_MATCHES, TwoView, fit
 
-from . import _common
+from . import _common, command
 from ._outputs import check_outputs
 
 DESCRIPTION = """\
@@ -49,12 +48,8 @@ def build_parser() -> argparse.ArgumentParser:
     parser = command.new_parser("elf-match", DESCRIPTION, EPILOG)
     parser.add_argument("a", metavar="A", help="first image")
     parser.add_argument("b", metavar="B", help="second image")
-    parser.add_argument(
-        "-o", "--output", type=Path, metavar="FILE", help="draw the matches: .png or .jpg"
-    )
-    parser.add_argument(
-        "--ratio", type=float, metavar="R", help="keep matches below R x the second nearest distance"
-    )
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="draw the matches: .png or .jpg")
+    parser.add_argument("--ratio", type=float, metavar="R", help="keep matches below R x the second nearest distance")
     parser.add_argument("--ransac", choices=list(LEAST_MATCHES), help="fit a geometry and draw its inliers")
     parser.add_argument(
         "--ransac-threshold",

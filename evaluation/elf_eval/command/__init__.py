@@ -1,0 +1,1 @@
+"""`elf-eval`: the command line."""

@@ -1,0 +1,21 @@
+"""The folder that a command writes into: asked for before the work, named after it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+from elf_eval.errors import EvalError
+from elf_runtime.files.write import existing, unwritable
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder that is none, or that nothing can be written into; one that is missing is not made yet."""
+    if reason := unwritable(existing(folder)):
+        raise EvalError(reason)
+
+
+def say_written(folder: Path, names: Iterable[str]) -> None:
+    """Name what was written, on stderr."""
+    print(f"written: {folder}/{', '.join(names)}", file=sys.stderr)

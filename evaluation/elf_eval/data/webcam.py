@@ -1,0 +1,40 @@
+"""Webcam sequences (TILDE's layout): a fixed camera, so that the ground truth is the identity.
+
+root/Chamonix/*.jpg,  or  root/Chamonix/test/image_color/*.png
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from elf_eval.spec import Spec
+
+from .base import Dataset, Pair
+from .files import folders_in, images_in, is_image, scene_name
+from .images import ImageRef
+from .truth import Homography
+
+_INNER = ("test/image_color", "test/image_gray", "test/image_grey")
+
+
+def webcam(spec: Spec) -> Dataset:
+    """``webcam:FOLDER``; option ``limit=N`` takes only the first N images of a scene.
+
+    The first image of a scene, in natural order of the names, against each other one.  A FOLDER without
+    folders in it is one scene.
+    """
+    limit = spec.take("limit", int, 0)
+    pairs: list[Pair] = []
+    root = spec.folder()
+    for scene in folders_in(root) or [root]:
+        name = scene_name(scene)
+        refs = [ImageRef(f"{name}/{p.name}", p) for p in images_in(_image_folder(scene))]
+        refs = refs[:limit] if limit else refs
+        pairs += [Pair(name, refs[0], other, Homography()) for other in refs[1:]]
+    return Dataset("webcam", tuple(pairs))
+
+
+def _image_folder(scene: Path) -> Path:
+    if any(is_image(p) for p in scene.iterdir()):
+        return scene
+    return next((scene / inner for inner in _INNER if (scene / inner).is_dir()), scene)

@@ -1,0 +1,61 @@
+"""Finished pairs, written as they come, so that an interrupted run goes on where it was."""
+
+from __future__ import annotations
+
+import json
+import sys
+import zlib
+from pathlib import Path
+
+from elf_eval.metrics.pair import Record
+
+
+class PairLog:
+    """Metrics by the key of what they were computed from; on disk one JSON line each, with its checksum.
+
+    Parameters
+    ----------
+    path : Path, optional
+        Lines of an earlier run are read, new ones appended, the first of which makes the folder; None keeps nothing.
+        Damaged lines are told once and dropped: their pairs are evaluated again.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self.done: dict[str, Record] = {}
+        if path is None or not path.exists():
+            return
+        lines = path.read_bytes().splitlines()
+        damaged = sum(not self._read(line) for line in lines)
+        if damaged:
+            print(
+                f"elf-eval: {path}: {damaged} of {len(lines)} lines are damaged; their pairs are evaluated again",
+                file=sys.stderr,
+            )
+            path.write_text("".join(map(_line, self.done.items())))
+
+    def _read(self, line: bytes) -> bool:
+        try:
+            check, key, values = json.loads(line)
+            whole = bool(check == _checksum(key, values)) and isinstance(key, str)
+        except (ValueError, TypeError, RecursionError):
+            return False
+        if whole:
+            self.done[key] = values
+        return whole
+
+    def add(self, key: str, values: Record) -> None:
+        """Remember and write a pair."""
+        self.done[key] = values
+        if self._path is not None:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            with open(self._path, "a") as file:
+                file.write(_line((key, values)))
+
+
+def _line(pair: tuple[str, Record]) -> str:
+    return json.dumps([_checksum(*pair), *pair]) + "\n"
+
+
+def _checksum(key: str, values: Record) -> int:
+    return zlib.crc32(json.dumps([key, values]).encode())

@@ -1,0 +1,206 @@
+"""What to run: methods, datasets, protocol, and the tables and pictures to make of it; from TOML."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+from elf_eval.errors import EvalError, reason
+from elf_eval.protocol import Protocol
+
+from . import variables
+from .paper import PAPER, TABLES
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class MethodEntry:
+    """A method under the name that the tables use.
+
+    Attributes
+    ----------
+    name : str
+    detector : str
+    descriptor : str, optional
+        The detector's own where absent.
+    paper : str, optional
+        The row of the paper's tables that belongs beside it.
+    optional : bool
+        Leave it out, with a line in the report that says why, where it can't be opened.
+    family : str
+        What `elf-eval pareto` gives one marker.
+    """
+
+    name: str
+    detector: str
+    descriptor: str | None = None
+    paper: str | None = None
+    optional: bool = False
+    family: str = "methods"
+
+    def __post_init__(self) -> None:
+        if self.paper is not None and self.paper not in PAPER:
+            raise EvalError(f"method {self.name!r}: the paper has no row {self.paper!r}; it has {list(PAPER)}")
+
+
+@dataclass(frozen=True)
+class DatasetEntry:
+    """A dataset under the name that the tables use."""
+
+    name: str
+    spec: str
+
+
+@dataclass(frozen=True)
+class TableEntry:
+    """A table and its plot; an empty list is all.
+
+    Attributes
+    ----------
+    plot : "bars", "curves" (over the pairs' parameter) or "mma"
+    note : str
+        A paragraph above the table.
+    paper : "generic" or "gradients", optional
+        The paper's table whose rows stand below ours where ours have none of that name, once for each dataset.
+    """
+
+    title: str
+    datasets: list[str] = field(default_factory=list)
+    methods: list[str] = field(default_factory=list)
+    plot: str = "bars"
+    note: str = ""
+    paper: str = ""
+
+    def __post_init__(self) -> None:
+        if self.plot not in ("bars", "curves", "mma"):
+            raise EvalError(f"table {self.title!r}: plot is 'bars', 'curves' or 'mma', not {self.plot!r}")
+        if self.paper and self.paper not in TABLES:
+            raise EvalError(f"table {self.title!r}: paper is one of {sorted(TABLES)}, not {self.paper!r}")
+
+
+@dataclass(frozen=True)
+class PictureEntry:
+    """A match picture: ``pair`` is "v_graf/1.png - v_graf/3.png"; an empty list of methods is all."""
+
+    dataset: str
+    pair: str
+    methods: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Suite:
+    """Everything that one run does.
+
+    Attributes
+    ----------
+    variables : dict
+        ``${NAME}`` in the methods' and datasets' texts; an environment variable of that name goes before.
+    groups : dict
+        Scenes under a common name, for tables by group.
+    """
+
+    methods: list[MethodEntry]
+    datasets: list[DatasetEntry]
+    title: str = "Evaluation"
+    note: str = ""
+    protocol: Protocol = field(default_factory=Protocol)
+    tables: list[TableEntry] = field(default_factory=list)
+    pictures: list[PictureEntry] = field(default_factory=list)
+    variables: dict[str, str] = field(default_factory=dict)
+    groups: dict[str, list[str]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.methods or not self.datasets:
+            raise EvalError("a run needs at least one method and one dataset")
+        methods = _unique([m.name for m in self.methods], "method")
+        datasets = _unique([d.name for d in self.datasets], "dataset")
+        for table in self.tables:
+            _known(table.methods, methods, f"table {table.title!r}: method")
+            _known(table.datasets, datasets, f"table {table.title!r}: dataset")
+        for picture in self.pictures:
+            _known([picture.dataset], datasets, f"picture {picture.pair!r}: dataset")
+            _known(picture.methods, methods, f"picture {picture.pair!r}: method")
+
+    def expand(self, text: str) -> str:
+        """`text` with its ``${NAME}`` replaced; EvalError where one is not set (`variables.expand`)."""
+        return variables.expand(text, self.variables)
+
+    def texts(self, entry: MethodEntry) -> tuple[str, str | None]:
+        """The method's detector and descriptor, expanded."""
+        return self.expand(entry.detector), self.expand(entry.descriptor) if entry.descriptor else None
+
+    def origin(self, entry: MethodEntry | DatasetEntry) -> str:
+        """What the entry's ``${NAME}`` are, in brackets, to end an error's text with (`variables.origin`)."""
+        texts = [entry.spec] if isinstance(entry, DatasetEntry) else [entry.detector, entry.descriptor or ""]
+        return variables.origin(" ".join(texts), self.variables)
+
+    def unexpand(self, text: str) -> str:
+        """`text` with the variables' values named again: a report should not depend on where files lie."""
+        for name in self.variables:
+            text = text.replace(self.expand("${" + name + "}"), "${" + name + "}")
+        return text
+
+    @classmethod
+    def load(cls, path: Path) -> Suite:
+        """From a TOML file: ``[protocol]``, ``[variables]``, ``[[method]]``, ``[[dataset]]``, ``[[table]]``,
+        ``[[picture]]``, ``[groups]``, ``title`` and ``note``.
+
+        Raises
+        ------
+        EvalError
+            Naming the file and the entry.
+        """
+        try:
+            with open(path, "rb") as file:
+                data = tomllib.load(file)
+        except OSError as error:
+            raise EvalError(f"{path}: {reason(error)}") from error
+        except ValueError as error:
+            raise EvalError(f"{path}: not a TOML file: {error}") from error
+        known = {"title", "note", "protocol", "variables", "method", "dataset", "table", "picture", "groups"}
+        if unknown := set(data) - known:
+            raise EvalError(f"{path}: unknown {sorted(unknown)}; known are {sorted(known)}")
+        try:
+            return cls(
+                methods=[_entry(MethodEntry, d, "method") for d in data.get("method", [])],
+                datasets=[_entry(DatasetEntry, d, "dataset") for d in data.get("dataset", [])],
+                title=data.get("title", "Evaluation"),
+                note=data.get("note", ""),
+                protocol=Protocol.from_dict(data.get("protocol", {})),
+                tables=[_entry(TableEntry, d, "table") for d in data.get("table", [])],
+                pictures=[_entry(PictureEntry, d, "picture") for d in data.get("picture", [])],
+                variables=data.get("variables", {}),
+                groups=data.get("groups", {}),
+            )
+        except EvalError as error:
+            raise EvalError(f"{path}: {error}") from error
+
+
+def _entry(kind: type[T], data: Mapping[str, Any], what: str) -> T:
+    known = [f.name for f in fields(kind)]  # type: ignore[arg-type]
+    if unknown := set(data) - set(known):
+        raise EvalError(f"{what} {dict(data)}: unknown {sorted(unknown)}; known are {known}")
+    try:
+        return kind(**data)
+    except TypeError as error:
+        raise EvalError(f"{what} {dict(data)}: {error}") from error
+
+
+def _unique(names: list[str], what: str) -> set[str]:
+    if doubles := {n for n in names if names.count(n) > 1}:
+        raise EvalError(f"two {what}s of the same name: {sorted(doubles)}")
+    return set(names)
+
+
+def _known(names: list[str], known: set[str], what: str) -> None:
+    if unknown := [n for n in names if n not in known]:
+        raise EvalError(f"{what} {unknown} is not in the suite; there are {sorted(known)}")

@@ -1,0 +1,40 @@
+"""``${NAME}`` in a suite's texts: a variable of the environment, or else one of the suite's own."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+
+from elf_eval.errors import EvalError
+
+_VARIABLE = re.compile(r"\$\{(\w+)\}")
+
+
+def expand(text: str, own: Mapping[str, str]) -> str:
+    """`text` with its ``${NAME}`` replaced.
+
+    Raises
+    ------
+    EvalError
+        On a name that is neither in the environment nor in `own`.
+    """
+
+    def value(match: re.Match[str]) -> str:
+        name = match[1]
+        if name not in os.environ and name not in own:
+            raise EvalError(f"{text}: {name} is not set; set it in the environment or under [variables]")
+        return os.environ[name] if name in os.environ else own[name]
+
+    return _VARIABLE.sub(value, text)
+
+
+def origin(text: str, own: Mapping[str, str]) -> str:
+    """What each ``${NAME}`` of `text` is and who says so, in brackets behind a space; "" where there is none."""
+    found = []
+    for name in dict.fromkeys(_VARIABLE.findall(text)):
+        if name in os.environ:
+            found.append(f"{name} is {os.environ[name]}, from the environment")
+        elif name in own:
+            found.append(f"{name} is {own[name]}, from [variables]")
+    return f" ({'; '.join(found)})" if found else ""

@@ -1,0 +1,190 @@
+"""What a lower precision changes: the model against its float32 self, down to keypoints and matches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from elf_eval.geometry import warp
+from elf_eval.metrics import covisible, descriptor_distances, repeatability_and_matching_score
+from elf_export.calibration import CalibrationSet, decoded
+from elf_export.errors import VerificationError
+from elf_runtime import ElfRuntime, Features, InputSpec, ModelError
+
+Image = npt.NDArray[Any]  # (H, W) or (H, W, 3), of the file's own bit depth
+
+LARGEST = 640  # pixels, of the longer side of a user's image
+NEAR = 1.0  # pixels of the source image
+REPEATED = 5.0  # the paper's
+NO_GAIN = 0.97  # of float32's time
+LEAST_CORRELATION = 0.5  # below it, the low precision has lost the saliency
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """A model of lower precision beside its float32 self, over the calibration images that are not flat.
+
+    Attributes
+    ----------
+    correlation : of the saliency maps' values, mean over the images
+    agreeing : share of float32's keypoints that have one within a pixel
+    keypoints, keypoints_fp32 : mean numbers
+    rep, ms, rep_fp32, ms_fp32 : in percent; repeatability and matching score between each image and a view of it
+        under a homography, another light and noise.  ms is None without descriptors.
+    time : of the network on this machine's CPU, as a share of float32's; median over the views
+    """
+
+    correlation: float
+    agreeing: float
+    keypoints: float
+    keypoints_fp32: float
+    rep: float
+    rep_fp32: float
+    ms: float | None
+    ms_fp32: float | None
+    time: float
+
+    def figures(self) -> dict[str, float]:
+        """For the contract: what another machine would find too."""
+        found = {name: value for name, value in asdict(self).items() if value is not None and name != "time"}
+        return {f"lower_{name}": value for name, value in found.items()}
+
+
+def measure(lower: bytes, full: bytes, images: CalibrationSet) -> Agreement:
+    """Run both models, with their contracts, on every image and on a view of it; flat images say nothing.
+
+    Raises
+    ------
+    ExportError
+        If a file can't be read as an image any more.
+    VerificationError
+        If the lower precision gives no finite saliency, or hardly that of float32.
+    """
+    a, b = ElfRuntime(lower), ElfRuntime(full)
+    rows, times = [], []
+    for index, image in enumerate(_sources(images, b.contract.input, b.contract.detection.scale)):
+        view, homography = _view(image, index)
+        other = b.trace(image)
+        if np.ptp(other.saliency) == 0:
+            continue
+        try:
+            one = a.trace(image)
+            finite = bool(np.isfinite(one.saliency).all())
+        except ModelError:  # the runtime refuses maps that are not
+            finite = False
+        if not finite:
+            raise VerificationError(
+                f"{a.contract.precision} overflows in this network: its saliency is not finite. No file was written."
+            )
+        varies = one.saliency.std() > 0
+        correlation = float(np.corrcoef(one.saliency.ravel(), other.saliency.ravel())[0, 1]) if varies else 0.0
+        near = _near(other.features.keypoints, one.features.keypoints)
+        # The second images of their size: no session is opened.
+        seen, also = a.trace(view), b.trace(view)
+        times.append(seen.seconds["session"] / also.seconds["session"])
+        scores = [_scores(t.features, v.features, homography) for t, v in ((one, seen), (other, also))]
+        rows.append([correlation, near, len(one.features), len(other.features), scores[0][0], scores[1][0],
+                     scores[0][1], scores[1][1]])  # fmt: skip
+    if not rows:
+        raise VerificationError(
+            f"{images.name}: float32 finds no saliency in any, so {a.contract.precision} can't be held against it. "
+            "No file was written."
+        )
+    means = np.array(rows, np.float64).mean(axis=0)
+    if means[0] < LEAST_CORRELATION:
+        raise VerificationError(
+            f"{a.contract.precision} loses the saliency of this network: its correlation with float32's is "
+            f"{means[0]:.3f}, at least {LEAST_CORRELATION:g} is wanted. No file was written."
+        )
+    described = bool(a.contract.descriptors)
+    correlation, near, count, count_fp32, rep, rep_fp32, ms, ms_fp32 = map(float, means)
+    return Agreement(
+        correlation, near, count, count_fp32, rep, rep_fp32, ms if described else None,
+        ms_fp32 if described else None, float(np.median(times)),
+    )  # fmt: skip
+
+
+def table(precision: str, a: Agreement) -> str:
+    """The agreement as a small text table."""
+
+    def row(
+        name: str, correlation: str, agreeing: str, keypoints: float, rep: float, ms: float | None, time: str
+    ) -> str:
+        score = "-" if ms is None else f"{ms:.1f}"
+        return f"{name:<8}{correlation:>12}{agreeing:>13}{keypoints:>11.0f}{rep:>7.1f}{score:>9}{time:>7}"
+
+    lines = [
+        f"{'':8}{'correlation':>12}{'kpts < 1 px':>13}{'keypoints':>11}{'rep %':>7}{'match %':>9}{'time':>7}"
+        "   (images, views of them; time on this CPU)",
+        row("fp32", "1", "100%", a.keypoints_fp32, a.rep_fp32, a.ms_fp32, "1"),
+        row(precision, f"{a.correlation:.4f}", f"{a.agreeing:.1%}", a.keypoints, a.rep, a.ms, f"{a.time:.2f}"),
+    ]
+    if precision == "int8" and a.time > NO_GAIN:
+        lines.append("int8 is no faster here: most of this network's time is not in convolutions. Use fp32.")
+    return "\n".join(lines)
+
+
+def _sources(images: CalibrationSet, spec: InputSpec, scale: float) -> Iterator[Image]:
+    """The images, of such a size that at the working scale they are as in calibration, or at most 640 pixels large.
+
+    None is smaller than the graph takes: a tiny image is enlarged, and of a panorama only the central part is taken.
+    """
+    for path in images.files:
+        image = decoded(path)
+        longest = min(image.shape[:2]) * LARGEST // spec.min_size
+        top, left = (max(size - longest, 0) // 2 for size in image.shape[:2])
+        image = image[top : top + longest, left : left + longest]
+        factor = 1 / scale if images.ready else min(1.0, LARGEST / max(image.shape[:2]))
+        factor = max(factor, spec.min_size / min(image.shape[:2]))
+        method = cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
+        resized = np.asarray(cv2.resize(image, None, fx=factor, fy=factor, interpolation=method))
+        yield resized.clip(0, 1) if image.dtype.kind == "f" else resized
+
+
+def _view(image: Image, index: int) -> tuple[Image, npt.NDArray[np.float64]]:
+    """Another view, brighter or darker and with noise, and the homography from the image to it.
+
+    Noise and saturation go by the largest value that the camera gives: 255 in 8 bits, else the image's own, as 12 bits
+    may lie in 16.
+    """
+    rng = np.random.default_rng(index)
+    height, width = image.shape[:2]
+    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
+    moved = corners + rng.uniform(-0.08, 0.08, (4, 2)) * (width, height)
+    homography = cv2.getPerspectiveTransform(corners, moved.astype(np.float32))
+    view = cv2.warpPerspective(image, homography, (width, height), flags=cv2.INTER_LINEAR)
+    most = 255.0 if image.dtype == np.uint8 else float(image.max())
+    noisy = view * rng.uniform(0.7, 1.2) + rng.normal(0, 4, view.shape) * (most / 255)
+    return np.clip(noisy, 0, most).astype(image.dtype), np.asarray(homography, np.float64)
+
+
+def _scores(first: Features, second: Features, homography: npt.NDArray[np.float64]) -> tuple[float, float]:
+    """Repeatability and matching score, in percent; 0 where nothing is seen in both."""
+    there, back = (partial(warp, matrix) for matrix in (homography, np.linalg.inv(homography)))
+    seen = covisible(first.keypoints, second.keypoints, there, back, _size(first), _size(second))
+    distance = None
+    if first.descriptors.shape[1]:
+        distance = descriptor_distances(first.descriptors, second.descriptors)[np.ix_(seen.first, seen.second)]
+    rep, ms, _ = repeatability_and_matching_score(seen, distance, REPEATED)
+    return 100 * rep, 100 * (ms or 0.0)
+
+
+def _size(features: Features) -> tuple[int, int]:
+    height, width = features.image_size
+    return width, height
+
+
+def _near(points: npt.NDArray[np.float32], others: npt.NDArray[np.float32]) -> float:
+    """Share of the points that have one of the others within a pixel."""
+    if len(points) == 0:
+        return 1.0
+    if len(others) == 0:
+        return 0.0
+    distance = np.linalg.norm(points[:, None] - others[None], axis=2)
+    return float((distance.min(axis=1) <= NEAR).mean())

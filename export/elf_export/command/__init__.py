@@ -1,0 +1,1 @@
+"""`elf-export`: the command line, and the tables that it prints."""

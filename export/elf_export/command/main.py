@@ -1,0 +1,87 @@
+"""`elf-export`: a CNN in, an ELF model (one .onnx file) out."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from elf_export.errors import ExportError
+from elf_runtime.commands.command import run
+from elf_runtime.errors import printable
+
+from .options import check, layers_of, parser, preprocessing_of, reduction_of
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit status (0 done, 1 failed, 2 wrong usage, 130 interrupted)."""
+    p = parser()
+
+    def work(args: argparse.Namespace) -> int:
+        check(args, p.error)
+        _need_onnx(named=args.onnx is None)
+        (_list if args.list else _export)(args)
+        return 0
+
+    return run(p, work, argv)
+
+
+def _need_onnx(named: bool) -> None:
+    """Refuse to go on without the onnx package; `named`: a named network is wanted, which needs PyTorch too."""
+    try:
+        import onnx  # noqa: F401
+    except ImportError as error:
+        if error.name != "onnx":
+            raise ExportError(f"the package onnx is installed but can't be loaded: {error}") from error
+        if named:
+            raise ExportError("named networks need PyTorch and onnx: pip install torch onnx") from error
+        raise ExportError("elf-export --onnx needs the package onnx, and no PyTorch: pip install onnx") from error
+
+
+def _export(args: argparse.Namespace) -> None:
+    if args.onnx is not None:
+        from elf_export.sources.foreign.export import export_onnx
+
+        result = export_onnx(
+            args.onnx, args.layer, layers_of(args.desc) or [], args.output, image_input=args.input,
+            preprocessing=preprocessing_of(args), opset=args.opset, force=args.force, log=print,
+            reduction=reduction_of(args), calibration=args.calibration, precision=args.precision,
+            detection=dict(args.set),
+        )  # fmt: skip
+    else:
+        from elf_export.export import export_network
+        from elf_export.sources.forward import DEFAULT_OPSET
+
+        result = export_network(
+            args.net, args.layer, layers_of(args.desc), args.output, weights=args.weights,
+            opset=args.opset or DEFAULT_OPSET, force=args.force, offline=args.offline,
+            preprocessing=args.preprocess or "paper", desc_weights=args.desc_weights, log=print,
+            reduction=reduction_of(args), calibration=args.calibration, precision=args.precision,
+            detection=dict(args.set),
+        )  # fmt: skip
+    size, contract = result.path.stat().st_size / 1e6, result.contract
+    described = ", ".join(d.layer for d in contract.descriptors) or "none"
+    made = f"{contract.network} {contract.layer}, descriptors {described}"
+    print(printable(f"wrote {result.path} ({size:.1f} MB): {made}"))
+
+
+def _list(args: argparse.Namespace) -> None:
+    from elf_export.sources.networks import get_network, network_names
+
+    from .listing import network_table
+
+    if args.onnx is not None:
+        from .listing_onnx import model_table
+
+        print(model_table(args.onnx, args.input))
+    elif args.net is not None:
+        print(network_table(get_network(args.net)))
+    else:
+        for name in network_names():
+            network = get_network(name)
+            described = ",".join(network.default_descriptors) or "none"
+            print(f"{name:<20}{network.title}; default --layer {network.default_layer} --desc {described}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,217 @@
+"""elf-export's options: what each takes, and which go together."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from elf_runtime.commands._settings import setting
+from elf_runtime.commands.command import new_parser
+
+if TYPE_CHECKING:
+    from elf_export.descriptors.projection import Reduction
+    from elf_export.preprocessing import Preprocessing
+
+DESCRIPTION = """\
+Write one .onnx file that computes a CNN's saliency |F^T dF/dI| (the backward pass is in the graph) and its descriptor
+maps; elf_runtime finds keypoints with it, without PyTorch."""
+
+EPILOG = """\
+examples:
+  elf-export --net vgg --layer pool2                     the paper's detector, described by pool4
+  elf-export --net vgg --layer pool1 --desc conv3_2      a cheaper one
+  elf-export --net vgg --layer pool1 --desc conv3_2 --desc-dim 128
+                                                         described by 128 principal components
+  elf-export --net vgg --layer pool2 --desc none         saliency and keypoints only
+  elf-export --net superpoint --desc vgg:pool3 --weights superpoint_v1.pth
+                                                         SuperPoint detects, VGG describes
+  elf-export --net vgg --list                            the layers to choose from
+  elf-export --onnx model.onnx --list                    the layers of anyone's model
+  elf-export --onnx model.onnx --layer relu2 --desc relu4
+                                                         an ELF model from it; needs no PyTorch
+"""
+
+PRECISIONS = ("fp32", "fp16", "bf16", "int8")
+ONLY_WITH_NET = ("weights", "offline", "preprocess", "desc_weights")
+ONLY_WITH_ONNX = ("input", "color", "mean", "std", "scale", "standardize")
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line's grammar."""
+    p = new_parser("elf-export", DESCRIPTION, EPILOG)
+    p.add_argument("--layer", metavar="LAYER", help="the layer F that keypoints come from (--net: the paper's)")
+    p.add_argument(
+        "--desc", metavar="LAYER[,LAYER...]|none",
+        help="layers that describe the keypoints, the first being the default; with --net, NET:LAYER takes another "
+        "network's (--net: the paper's)",
+    )  # fmt: skip
+    p.add_argument(
+        "--desc-dim", type=int, metavar="D",
+        help="values of a descriptor: each layer of --desc is projected to so many inside the graph (default: its "
+        "channels as they are)",
+    )  # fmt: skip
+    p.add_argument(
+        "--desc-reduce", choices=("pca", "channels"),
+        help="how --desc-dim projects: to the principal components of the layer's channels over the calibration "
+        "images (pca, the default), or to the channels that vary most",
+    )  # fmt: skip
+    p.add_argument(
+        "--whiten",
+        type=float,
+        metavar="A",
+        help="with pca: divide each component by its variance to the power of A / 2; 0, not at all, to 1 (default: "
+        "0.75)",
+    )
+    p.add_argument(
+        "--keep-weights", action="store_true",
+        help="project by a convolution of its own: the layer's weights stay in the file as they were trained, for "
+        "other exports to find",
+    )  # fmt: skip
+    p.add_argument(
+        "--calibration",
+        metavar="FOLDER",
+        help="images that --desc-dim and --precision are fitted to (default: photographs that come with the exporter)",
+    )
+    p.add_argument(
+        "--precision", choices=PRECISIONS, default="fp32",
+        help="int8: convolutions in 8-bit integers, for CPUs; fp16: for GPUs; bf16: weights stored in half the bytes. "
+        "What it changes against fp32 is printed",
+    )  # fmt: skip
+    p.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", type=setting,
+        help="a detection setting that the file carries as its default, such as scale=0.5 or denoise=5,1.2; may be "
+        "given several times",
+    )  # fmt: skip
+    p.add_argument("--output", "-o", metavar="FILE", help="default: elf-NET-LAYER.onnx")
+    p.add_argument("--opset", type=int, metavar="N", help="ONNX opset of the file, 11 to 20 (default: 17; with "
+                   "--onnx the model's own, if it is one of these)")  # fmt: skip
+    p.add_argument("--force", action="store_true", help="overwrite an existing file")
+    p.add_argument("--list", action="store_true", help="list the networks, or the layers of one, and stop")
+
+    net = p.add_argument_group("a network that comes with the exporter")
+    net.add_argument("--net", metavar="NAME", help="--list shows the names")
+    net.add_argument(
+        "--weights", metavar="FILE",
+        help="trained weights: .pth, .h5, .keras, .safetensors, .npz or .onnx (default: the published ones, from "
+        "the cache, the bundled model, the publisher or a package index)",
+    )  # fmt: skip
+    net.add_argument("--desc-weights", metavar="FILE", help="weights of the other network of --desc NET:LAYER")
+    net.add_argument(
+        "--preprocess", choices=("paper", "own"),
+        help="what the detector is fed: each image standardised (paper, the default), or what it was trained with",
+    )  # fmt: skip
+    net.add_argument("--offline", action="store_true", help="never use the network; so does ELF_OFFLINE=1")
+
+    onnx = p.add_argument_group(
+        "anyone's model",
+        "Layers are named by value or node, or by an end of such a name that only one has.  The pixels I, 0..255, "
+        "become (I * scale - mean) / std; without these options the model sees them standardized.",
+    )
+    onnx.add_argument("--onnx", metavar="FILE", help="a CNN in ONNX's format, from any framework")
+    onnx.add_argument("--input", metavar="NAME", help="the image input, where several may be one")
+    onnx.add_argument("--color", choices=("bgr", "rgb", "gray"), help="default: rgb, or gray for one channel")
+    onnx.add_argument("--scale", type=number, metavar="S", help="a number or a fraction like 1/255 (default: 1)")
+    onnx.add_argument("--mean", type=numbers, metavar="M[,M,M]", help="per channel, of the scaled pixels (default: 0)")
+    onnx.add_argument("--std", type=numbers, metavar="D[,D,D]", help="per channel, of the scaled pixels (default: 1)")
+    onnx.add_argument("--standardize", action="store_true",
+                      help="(I - mean(I)) / std(I) over each image, as in the paper")  # fmt: skip
+    return p
+
+
+def number(text: str) -> float:
+    """A number or a fraction: "0.5", "1/255"."""
+    try:
+        return float(Fraction(text.strip()))
+    except (ValueError, ZeroDivisionError):
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a number nor a fraction like 1/255") from None
+
+
+def numbers(text: str) -> tuple[float, ...]:
+    """One number for all channels, or one for each, separated by commas."""
+    values = tuple(number(part) for part in text.split(","))
+    if len(values) not in (1, 3):
+        raise argparse.ArgumentTypeError(f"{text!r} has {len(values)} numbers; give one, or one a channel")
+    return values
+
+
+def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
+    """Call `fail` with the first option that doesn't go with the others."""
+
+    def given(name: str) -> bool:
+        return getattr(args, name) not in (None, False)
+
+    if args.net is not None and args.onnx is not None:
+        fail("--net and --onnx exclude each other: a network of ours, or a model of yours")
+    for name in ONLY_WITH_NET:
+        if given(name) and args.net is None:
+            fail(f"--{name.replace('_', '-')} goes with --net only: it is about a network that comes with the exporter")
+    for name in ONLY_WITH_ONNX:
+        if given(name) and args.onnx is None:
+            working = f"; the working scale is --set scale={args.scale:g}" if name == "scale" else ""
+            fail(f"--{name} goes with --onnx only: it describes the image input of such a model, and a network of "
+                 f"--net brings its own description{working}")  # fmt: skip
+    for name in ("mean", "std", "scale"):
+        if args.standardize and given(name):
+            fail(f"--standardize and --{name} exclude each other")
+        if args.color == "gray" and name != "scale" and given(name) and len(getattr(args, name)) != 1:
+            fail(f"--{name} has {len(getattr(args, name))} numbers, --color gray has one channel")
+    if args.std is not None and min(map(abs, args.std)) == 0:
+        fail("--std has a zero, by which the pixels would be divided")
+    for name in ("desc_reduce", "whiten", "keep_weights"):
+        if given(name) and args.desc_dim is None:
+            fail(f"--{name.replace('_', '-')} goes with --desc-dim only")
+    if args.calibration is not None and args.desc_dim is None and args.precision == "fp32":
+        fail("--calibration goes with --desc-dim or --precision only")
+    if args.desc_dim is not None and args.desc == "none":
+        fail("--desc none leaves no descriptor for --desc-dim to project")
+    if args.desc_dim is not None and args.desc_dim < 1:
+        fail(f"--desc-dim is 1 or more, not {args.desc_dim}")
+    if args.whiten is not None and not 0.0 <= args.whiten <= 1.0:
+        fail(f"--whiten is a number from 0 to 1, not {args.whiten:g}")
+    if args.whiten and args.desc_reduce == "channels":
+        fail("--whiten divides principal components; it goes with --desc-reduce pca only")
+    if layers_of(args.desc) == [] and args.desc != "none":
+        fail(f"--desc {args.desc!r} names no layer; --desc none is for a detector without descriptors")
+    if args.list:
+        return
+    if args.net is None and args.onnx is None:
+        fail("--net or --onnx is required (--list shows the networks)")
+    if args.onnx is not None:
+        if args.layer is None:
+            fail("--onnx needs --layer (--list shows the layers)")
+        if args.desc is None:
+            fail("--onnx needs --desc: layers to describe keypoints with, or none")
+
+
+def preprocessing_of(args: argparse.Namespace) -> Preprocessing | None:
+    """What --color, --mean, --std, --scale and --standardize say; None where they say nothing."""
+    from elf_export.preprocessing import Preprocessing
+
+    stated = [value is not None for value in (args.mean, args.std, args.scale)]
+    if not any(stated) and args.color is None and not args.standardize:
+        return None
+    return Preprocessing(
+        color=args.color or "rgb",
+        standardize=not any(stated),
+        scale=1.0 if args.scale is None else args.scale,
+        mean=args.mean or (0.0,),
+        std=args.std or (1.0,),
+    )
+
+
+def reduction_of(args: argparse.Namespace) -> Reduction | None:
+    """What --desc-dim, --desc-reduce and --whiten say; None without --desc-dim."""
+    from elf_export.descriptors.projection import Reduction
+
+    if args.desc_dim is None:
+        return None
+    return Reduction(args.desc_dim, args.desc_reduce or "pca", args.whiten, args.keep_weights)
+
+
+def layers_of(text: str | None) -> list[str] | None:
+    """--desc as a list: None where it is not given, empty for "none"."""
+    if text is None:
+        return None
+    return [] if text == "none" else [name.strip() for name in text.split(",") if name.strip()]

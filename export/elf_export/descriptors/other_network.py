@@ -1,0 +1,83 @@
+"""Descriptor maps of another network in the detector's file: ``--net superpoint --desc vgg:pool3``.
+
+Each network keeps its own preprocessing; both start from one image input, and what they compute alike is
+computed once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import onnx
+from onnx import TensorProto, helper
+
+from elf_export.graph.graph import Graph
+from elf_export.graph.passes import cut, fold_batchnorm, fold_constants, share
+from elf_export.preprocessing import Preprocessing, prepend
+from elf_export.saliency import IMAGE, check, descriptor_output
+from elf_export.sources.forward import NETWORK_INPUT
+
+
+def by_network(network: str, descriptors: Sequence[str]) -> dict[str, list[str]]:
+    """Layers to describe by, of each network: ``NET:LAYER`` names another, ``LAYER`` is the detector's own.
+
+    The detector comes first, with an empty list where it describes nothing.
+    """
+    layers: dict[str, list[str]] = {network: []}
+    for name in descriptors:
+        other, _, layer = name.rpartition(":")
+        wanted = layers.setdefault(other or network, [])
+        if layer not in wanted:
+            wanted.append(layer)
+    return layers
+
+
+def label(network: str, layer: str, detector: str) -> str:
+    """A descriptor layer's name in the contract."""
+    return layer if network == detector else f"{network}:{layer}"
+
+
+def attach(
+    model: onnx.ModelProto,
+    forward: onnx.ModelProto,
+    network: str,
+    layers: Sequence[str],
+    preprocessing: Preprocessing,
+    color: str,
+) -> onnx.ModelProto:
+    """A copy of `model` with the maps of another network's `layers` as further outputs.
+
+    Parameters
+    ----------
+    model : onnx.ModelProto
+        As `build_saliency` makes it, with an image input of the colour order `color`.
+    forward : onnx.ModelProto
+        The other network, as `torch_to_onnx` makes it; its values get ``NETWORK/`` in front of their names.
+    """
+    graph = Graph(fold_batchnorm(fold_constants(cut(forward, layers)), keep=layers))
+    outputs = []
+    for layer in layers:
+        out = descriptor_output(f"{network}:{layer}")
+        channels = (graph.shape(layer) or [None] * 4)[1]
+        graph.op("Transpose", layer, name=f"descriptors/{layer}", outputs=[out], perm=[0, 2, 3, 1])
+        dims = ["N", f"h_{out}", f"w_{out}", channels]
+        outputs.append(helper.make_tensor_value_info(out, TensorProto.FLOAT, dims))
+    prepend(graph, NETWORK_INPUT, preprocessing, IMAGE, color)
+
+    kept = {"", IMAGE, *(value.name for value in outputs)}
+    for node in graph.model.graph.node:
+        node.name = f"{network}/{node.name}"
+        for names in (node.input, node.output):
+            names[:] = [name if name in kept else f"{network}/{name}" for name in names]
+    for tensor in graph.model.graph.initializer:
+        tensor.name = f"{network}/{tensor.name}"
+
+    joined = onnx.ModelProto()
+    joined.CopyFrom(model)
+    joined.graph.node.extend(graph.model.graph.node)
+    joined.graph.initializer.extend(graph.model.graph.initializer)
+    joined.graph.output.extend(outputs)
+    joined = share(joined)
+    del joined.graph.value_info[:]
+    check(joined)
+    return joined

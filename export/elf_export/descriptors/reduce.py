@@ -1,0 +1,81 @@
+"""`--desc-dim`: fit, put into the graph, hold against the reference, record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import onnx
+
+from elf_export.calibration import CalibrationSet
+from elf_export.checks import projection as verify_projection
+from elf_export.checks.projection import MapCheck, Maps
+from elf_export.errors import LayerError
+from elf_export.graph.passes import project
+from elf_export.saliency import descriptor_output
+from elf_runtime import InputSpec
+from elf_runtime.contract import ReductionSpec
+
+from .projection import Reduction, fit_layers, specs
+
+
+def reduce_descriptors(
+    model: onnx.ModelProto,
+    layers: Sequence[str],
+    reduction: Reduction,
+    images: CalibrationSet,
+    spec: InputSpec,
+    scale: float,
+    maps: Maps,
+    log: Callable[[str], None] = lambda _: None,
+) -> tuple[onnx.ModelProto, dict[str, ReductionSpec], list[MapCheck]]:
+    """`model` with its descriptor maps projected.
+
+    Parameters
+    ----------
+    model : onnx.ModelProto
+        With the outputs ``descriptors_NAME`` (N, h, w, D) of `layers`.
+    layers : names
+        As in the contract.
+    images : CalibrationSet
+        What to fit to.
+    spec : InputSpec
+        The graph's input.
+    scale : float
+        Working scale at which the network will see images.
+    maps : function
+        The layers' maps by an independent computation.
+
+    Returns
+    -------
+    model : onnx.ModelProto
+    reductions : dict
+        Layer -> what the contract says of its projection.
+    checks : list of MapCheck
+
+    Raises
+    ------
+    ExportError
+        No descriptor layer, one of too few channels, a calibration image that can't be read any more, or a graph that
+        does not agree with `maps`.
+    """
+    if not layers:
+        raise LayerError("there is no descriptor layer whose values could be made fewer")
+    projections = fit_layers(model, layers, reduction, images, spec, scale)
+    model = project(
+        model,
+        {descriptor_output(name): (p.matrix, -p.mean @ p.matrix) for name, p in projections.items()},
+        reduction.separate,
+    )
+    checks = verify_projection.verify_projection(model, maps, projections, spec)
+    log(verify_projection.table(checks))
+    return model, specs(projections, reduction, images), checks
+
+
+def arguments(reduction: Reduction | None) -> list[str]:
+    """The options of `elf-export` that say so."""
+    if reduction is None:
+        return []
+    words = ["--desc-dim", str(reduction.dim)]
+    words += ["--desc-reduce", reduction.method] if reduction.method != "pca" else []
+    words += ["--keep-weights"] if reduction.separate else []
+    return words + (["--whiten", str(reduction.exponent)] if reduction.method == "pca" else [])

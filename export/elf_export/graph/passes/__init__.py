@@ -1,0 +1,38 @@
+"""Rewrites of a model; one idea a file.  Each takes a ModelProto and returns a new one."""
+
+from __future__ import annotations
+
+from .compose_convs import compose_convs
+from .convert_opset import OPSETS, convert_opset, opset_of, target_opset
+from .cut import cut
+from .expand_response import expand_response
+from .fold_batchnorm import fold_batchnorm
+from .fold_constants import fold_constants
+from .project import project
+from .rename_values import rename_values
+from .share import share
+from .share_row_maxima import share_row_maxima
+from .single_precision import single_precision
+from .sort_nodes import sort_nodes
+from .standard_ops import standard_ops
+from .without_rounding import without_rounding
+
+__all__ = [
+    "OPSETS",
+    "compose_convs",
+    "convert_opset",
+    "cut",
+    "expand_response",
+    "fold_batchnorm",
+    "fold_constants",
+    "opset_of",
+    "project",
+    "rename_values",
+    "share",
+    "share_row_maxima",
+    "single_precision",
+    "sort_nodes",
+    "standard_ops",
+    "target_opset",
+    "without_rounding",
+]

@@ -1,0 +1,45 @@
+"""Lower precision: 8-bit integers fitted to photographs."""
+
+from __future__ import annotations
+
+import onnx
+
+from elf_export.calibration import CalibrationSet
+from elf_export.errors import ExportError
+from elf_runtime import InputSpec
+
+from .candidates import candidates
+from .ranges import schemes_for
+from .rewrite import rewrite
+from .speedup import losing
+
+__all__ = ["quantize"]
+
+
+def quantize(model: onnx.ModelProto, images: CalibrationSet, spec: InputSpec, scale: float) -> onnx.ModelProto:
+    """`model` with its convolutions in 8-bit integers where `worth` finds that faster; see `rewrite` for how.
+
+    Parameters
+    ----------
+    model : onnx.ModelProto
+        In float32, opset 13 or later.
+    images, spec, scale
+        As of `ranges.schemes_for`.
+
+    Raises
+    ------
+    ExportError
+        If no convolution is worth it.
+    """
+    names = candidates(model)
+    schemes = schemes_for(model, names, images, spec, scale) if names else {}
+    left: set[str] = set()
+    pixels = next(iter(images.batches(spec, scale)))
+    while True:
+        lowered, origins = rewrite(model, schemes, left)
+        if not origins:
+            raise ExportError("int8: 8-bit integers make no convolution of this network faster; use fp32, fp16 or bf16")
+        lost = losing(lowered, origins, pixels)
+        if not lost:
+            return lowered
+        left |= lost

@@ -1,0 +1,102 @@
+"""A graph while it is rewritten: which values are integers by now, and how they were rounded."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+import numpy as np
+import onnx
+
+from elf_export.graph.graph import Graph
+
+from .candidates import MOVING
+from .scheme import MASK, Scheme
+
+
+class Rewriting:
+    """The graph under construction and what is known of its values.
+
+    Attributes
+    ----------
+    schemes : how to round what needs a scheme of its own
+    left : results of convolutions that stay in floats
+    old, readers, makers : the float graph's nodes, who reads a value in it, and who makes it
+    integers : a value -> its integers
+    twins : a value -> the rounded one that its readers get
+    rounding : and how it was rounded
+    inside : rounded for convolutions alone
+    convolved : made by 8-bit convolutions
+    masks : of zeros and ones
+    origins : the result of an 8-bit convolution -> that of the node that it takes the place of
+    shared : products with masks -> the scheme of the sums that they are put together with
+    """
+
+    def __init__(self, model: onnx.ModelProto, schemes: Mapping[str, Scheme], left: Collection[str] = ()) -> None:
+        self.graph = Graph(model)
+        self.schemes = schemes
+        self.left = left
+        self.old = [onnx.NodeProto.FromString(node.SerializeToString()) for node in self.graph.nodes]
+        self.readers = self.graph.consumers()
+        self.makers = {name: node for node in self.old for name in node.output}
+        self.outputs = {value.name for value in model.graph.output}
+        self.integers: dict[str, str] = {}
+        self.twins: dict[str, str] = {}
+        self.rounding: dict[str, Scheme] = {}
+        self.inside: set[str] = set()
+        self.convolved: set[str] = set()
+        self.masks: set[str] = set()
+        self.origins: dict[str, str] = {}
+        self.shared = self._shared_schemes()
+        del self.graph.model.graph.node[:]
+
+    def _shared_schemes(self) -> dict[str, Scheme]:
+        """Values that are joined with a sum can be moved as integers only if they are rounded as it is."""
+        found: dict[str, Scheme] = {}
+        for node in self.old:
+            if node.op_type != "Concat":
+                continue
+            sources = [self._before_moving(name) for name in node.input]
+            sums = {name for name in sources if name in self.schemes and self.makers[name].op_type in ("Add", "Sum")}
+            if len(sums) == 1:
+                scheme = self.schemes[sums.pop()]
+                found.update((name, scheme) for name in sources if name in self.makers)
+        return found
+
+    def _before_moving(self, name: str) -> str:
+        """What the value is made from by ops that only move values."""
+        while name in self.makers and self.makers[name].op_type in MOVING - {"Concat"}:
+            name = self.makers[name].input[0]
+        return name
+
+    def is_rounded(self, name: str) -> bool:
+        """Whether all readers of the value get it rounded."""
+        return name in self.rounding and name not in self.inside
+
+    def keep(self, node: onnx.NodeProto) -> None:
+        """The node as it is, on what there is of its inputs now."""
+        copy = self.graph.model.graph.node.add()
+        copy.CopyFrom(node)
+        # A shape is read off the integers: a value that nobody else reads as floats is never one.
+        known = self.integers if node.op_type == "Shape" else self.twins
+        for i, name in enumerate(node.input):
+            copy.input[i] = name if name in self.inside else known.get(name, name)
+
+    def round(self, name: str, scheme: Scheme) -> None:
+        """Round a value that is there in floats; an output of the graph stays as it is."""
+        if name in self.outputs:
+            return
+        q = self.graph.op("QuantizeLinear", name, *self.scale(name, scheme), name=f"{name}/q")
+        self.dequantize(name, q, scheme)
+
+    def round_mask(self, name: str) -> None:
+        self.round(name, MASK)
+        self.masks.add(name)
+
+    def dequantize(self, name: str, q: str, scheme: Scheme) -> None:
+        """From here on, `q` are the integers of the value `name`."""
+        self.integers[name], self.rounding[name] = q, scheme
+        self.twins[name] = self.graph.op("DequantizeLinear", q, *self.scale(name, scheme), name=f"{name}/rounded")
+
+    def scale(self, name: str, scheme: Scheme) -> tuple[str, str]:
+        scale = self.graph.const(np.float32(scheme.scale), f"{name}/scale")
+        return scale, self.graph.const(np.uint8(scheme.zero), f"{name}/zero")

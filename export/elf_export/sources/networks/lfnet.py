@@ -1,0 +1,112 @@
+"""LF-Net's detector trunk.  Ono, Trulls, Fua, Yi, "LF-Net: learning local features from images", 2018,
+section 3.1.
+
+A first 5x5 convolution to 16 channels, then three residual blocks of pre-activation form: normalisation and
+leaky ReLU, 5x5 convolution, normalisation and leaky ReLU, 5x5 convolution, plus the block's input.
+Everything keeps the image's size.  Layers: ``init-conv``; of each block ``blockB-conv`` (its first
+convolution), ``blockB-bn`` (the normalisation behind it), ``blockB`` (the sum).
+
+The trained weights are TensorFlow checkpoints.  Where TensorFlow is installed, this converts one::
+
+    reader = tf.train.load_checkpoint("release/models/outdoor")
+    names = [name for name in reader.get_variable_to_shape_map() if name.startswith("ConvOnlyResNet/")]
+    np.savez("lfnet.npz", **{name: reader.get_tensor(name) for name in names})
+
+The released models' slope of the leaky ReLU is 0.2 and the normalisations' epsilon TensorFlow's 1e-3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch.nn import functional as F
+
+from elf_export.preprocessing import Preprocessing
+from elf_export.sources.weights.fit import shaped
+
+from .architecture import Architecture, Conv, Maps, Norm, Part
+from .registry import Network
+
+CHANNELS, KERNEL, SLOPE, EPS = 16, 5, 0.2, 1e-3
+BLOCKS = (1, 2, 3)
+
+
+def _parts() -> dict[str, Conv | Norm]:
+    parts: dict[str, Conv | Norm] = {"init_conv": Conv(1, CHANNELS, KERNEL, padding=KERNEL // 2)}
+    for block in BLOCKS:
+        for norm, conv in (("pre-bn", "conv1"), ("mid-bn", "conv2")):
+            parts[f"block-{block}.{norm}"] = Norm(CHANNELS, EPS)
+            parts[f"block-{block}.{conv}"] = Conv(CHANNELS, CHANNELS, KERNEL, padding=KERNEL // 2)
+    return parts
+
+
+def forward(part: Part, x: torch.Tensor) -> Maps:
+    x = part("init_conv", x)
+    yield "init-conv", x
+    for block in BLOCKS:
+        y = F.leaky_relu(part(f"block-{block}.pre-bn", x), SLOPE)
+        y = part(f"block-{block}.conv1", y)
+        yield f"block{block}-conv", y
+        y = part(f"block-{block}.mid-bn", y)
+        yield f"block{block}-bn", y
+        x = x + part(f"block-{block}.conv2", F.leaky_relu(y, SLOPE))
+        yield f"block{block}", x
+
+
+_ARCHITECTURE = Architecture(_parts(), forward, channels=1)
+
+_NORM = {"weight": "gamma", "bias": "beta", "running_mean": "moving_mean", "running_var": "moving_variance"}
+
+
+def fit(
+    tensors: Mapping[str, npt.NDArray[Any]], shapes: Mapping[str, tuple[int, ...]]
+) -> dict[str, npt.NDArray[np.float32]]:
+    """A checkpoint's variables (``ConvOnlyResNet/block-1/conv1/...``), or our own names, under our names.
+
+    A convolution without a bias gets a zero one, a normalisation without scale or shift 1 or 0.
+    """
+    fitted = {}
+    for name, shape in shapes.items():
+        value = tensors.get(name)
+        if value is None:
+            part, role = name.rsplit(".", 1)
+            value = _variable(tensors, part, role, shape)
+        fitted[name] = shaped(name, value, shape)
+    return fitted
+
+
+def _variable(
+    tensors: Mapping[str, npt.NDArray[Any]], part: str, role: str, shape: tuple[int, ...]
+) -> npt.NDArray[Any] | None:
+    scope = f"/{part.replace('.', '/')}/"
+    inside = {name: value for name, value in tensors.items() if scope in f"/{name}"}
+    if part.endswith("-bn"):
+        found = [value for name, value in inside.items() if name.endswith(_NORM[role])]
+        neutral = {"weight": np.ones(shape, np.float32), "bias": np.zeros(shape, np.float32)}
+    else:
+        found = [value for value in inside.values() if value.ndim == len(shape)]
+        neutral = {"bias": np.zeros(shape, np.float32)}
+    return found[0] if found else neutral.get(role) if inside else None
+
+
+NETWORK = Network(
+    name="lfnet",
+    title="LF-Net's detector trunk (bring your own weights)",
+    layers=_ARCHITECTURE.layers,
+    default_layer="block2-bn",
+    default_descriptors=("vgg:pool3",),
+    build=_ARCHITECTURE.build,
+    tensor_shapes=_ARCHITECTURE.tensor_shapes,
+    fit=fit,
+    source_title="LF-Net",
+    licence="as the checkpoint's",
+    hint=(
+        "a checkpoint of github.com/vcg-uvic/lf-net-release as .npz; elf_export/networks/lfnet.py says how "
+        "to convert it"
+    ),
+    preprocessing=Preprocessing(color="gray", standardize=True),
+)

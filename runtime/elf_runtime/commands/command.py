@@ -1,0 +1,132 @@
+"""What every command begins and ends with: its parser, its exit status, and errors as one line."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TextIO
+
+import cv2
+
+from elf_runtime import __version__
+from elf_runtime.errors import ElfError, SettingError, one_line, printable, reason
+from elf_runtime.files.write import discard_stdout, print_anything, write_atomically
+
+FAILED, USAGE, INTERRUPTED, TERMINATED = 1, 2, 128 + signal.SIGINT, 128 + signal.SIGTERM
+
+
+class UsageError(ElfError):
+    """A command line that can't be carried out, whatever the files hold."""
+
+
+class Terminated(BaseException):
+    """SIGTERM came."""
+
+
+def new_parser(name: str, description: str, epilog: str = "") -> argparse.ArgumentParser:
+    """A parser that keeps the lines of its texts, and knows ``--version``."""
+    parser = argparse.ArgumentParser(
+        prog=name,
+        description=description,
+        epilog=epilog,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"{name} {__version__}")
+    return parser
+
+
+def run(
+    parser: argparse.ArgumentParser,
+    work: Callable[[argparse.Namespace], int],
+    argv: Sequence[str] | None,
+    goes_on: str = "",
+) -> int:
+    """Parse and work.  An error that a user can cause is one line on standard error, and a status.
+
+    Parameters
+    ----------
+    goes_on : str
+        What to say where the command is interrupted, such as how to go on; by default nothing.
+
+    Returns
+    -------
+    int
+        What `work` returns; 1 where it fails or nobody reads its output any more, 2 on a command line that can't be
+        carried out, 130 after Ctrl-C, 143 after SIGTERM.
+    """
+    print_anything()
+    if "OPENCV_LOG_LEVEL" not in os.environ:
+        # What OpenCV logs of a damaged file is said in one line.  Its versions have the function in two places.
+        set_level = getattr(getattr(cv2.utils, "logging", cv2), "setLogLevel", None)
+        if set_level is not None:
+            set_level(0)
+    args = parser.parse_args(argv)
+    try:
+        with terminable():
+            status = work(args)
+            sys.stdout.flush()
+        return status
+    except (UsageError, SettingError) as error:
+        report(parser.prog, error)
+        return USAGE
+    except BrokenPipeError:
+        discard_stdout()
+        return FAILED
+    except (ElfError, OSError) as error:
+        report(parser.prog, error)
+        return FAILED
+    except (KeyboardInterrupt, Terminated) as error:
+        what, status = ("terminated", TERMINATED) if isinstance(error, Terminated) else ("interrupted", INTERRUPTED)
+        say(f"\n{parser.prog}: {what}{goes_on and f'; {goes_on}'}", sys.stderr)
+        return status
+
+
+@contextmanager
+def terminable() -> Iterator[None]:
+    """Let SIGTERM end what runs as Ctrl-C does: processes that were started are ended, finished work is kept."""
+
+    def end(*_: object) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # one is enough: what is being cleaned up stays whole
+        raise Terminated
+
+    if threading.current_thread() is not threading.main_thread():  # only there can signals be received
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def report(command: str, error: object) -> None:
+    """``command: error: ...`` on standard error: one line, or an error's rows below it."""
+    text = f"{error.filename}: {reason(error)}" if isinstance(error, OSError) and error.filename else str(error)
+    rows = text.splitlines() if isinstance(error, ElfError) and error.has_rows else [one_line(text)]
+    say("\n".join([f"{command}: error: {rows[0]}", *rows[1:]]), sys.stderr)
+
+
+def say(text: str, stream: TextIO) -> None:
+    """Print lines without anything that a terminal would obey."""
+    print("\n".join(map(printable, text.split("\n"))), file=stream)
+
+
+def write_text(path: Path, text: str) -> None:
+    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+
+
+def write_json(target: str, data: Mapping[str, Any]) -> None:
+    """Write data as JSON into a file, whose folder is made, or to standard output where the target is ``-``."""
+    text = json.dumps(data, indent=2) + "\n"
+    if target == "-":
+        sys.stdout.write(text)
+    else:
+        Path(target).parent.mkdir(parents=True, exist_ok=True)
+        write_text(Path(target), text)

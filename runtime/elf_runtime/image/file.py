@@ -1,0 +1,122 @@
+"""Image files: sized up before they are decoded, with their bit depth and alpha, and the reason where they can't be."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from elf_runtime.errors import ImageError, reason
+from elf_runtime.files.kind import HEAD, description, open_regular
+
+from .header import NEVER, SURELY, Header, is_cut_off, read_header
+
+ImageLike = npt.NDArray[Any] | str | os.PathLike[str]
+
+MAX_PIXELS = 100_000_000  # of an image, unless the caller allows more
+
+
+def read(image: ImageLike, *, ignore_exif: bool = False, max_pixels: int | None = MAX_PIXELS) -> npt.NDArray[Any]:
+    """The array itself, or the decoded file: BGR or grey, with its bit depth kept.
+
+    Parameters
+    ----------
+    image : array or path
+    ignore_exif : bool
+        A file's pixels as they are stored, which is what COLMAP and homographies between files go by.  By default
+        they are turned the way that its EXIF orientation says, as by `cv2.imread`: one of 640x427 with orientation 6
+        is read as 427x640, and its keypoints are in that frame.  OpenCV turns TIFF files in any case.
+    max_pixels : int, optional
+        A file whose header says more is not decoded: a megabyte may unpack to gigabytes.  None is no limit.
+
+    Returns
+    -------
+    (H, W), (H, W, 3) or, where the file has an alpha channel, (H, W, 4) array
+
+    Raises
+    ------
+    ImageError
+        If the file is missing, no regular file, no image, damaged or cut off, or has more than `max_pixels`.
+    """
+    if isinstance(image, np.ndarray):
+        return image
+    if not isinstance(image, (str, os.PathLike)):
+        raise ImageError(f"an image is a numpy array or a path, not {type(image).__name__}")
+    path = os.fsdecode(image)
+    try:
+        with open_regular(path) as file:
+            header = read_header(file)
+            if header:
+                check_pixels((header.height, header.width), max_pixels, f"the {header.kind} file")
+            file.seek(0)
+            data = np.fromfile(file, np.uint8) if header else np.frombuffer(file.read(HEAD), np.uint8)
+        return _decoded(data, header, ignore_exif)
+    except (OSError, ImageError, MemoryError) as error:
+        text = "not enough memory to read it" if isinstance(error, MemoryError) else reason(error)
+        raise ImageError(f"{path}: {text}") from error
+
+
+def check_pixels(shape: Sequence[int], max_pixels: int | None, what: str = "the image") -> None:
+    """Raise ImageError on an image of (height, width, ...) that has more pixels than are allowed."""
+    if max_pixels is not None and len(shape) > 1 and shape[0] * shape[1] > max_pixels:
+        raise ImageError(
+            f"{what} has {shape[1]}x{shape[0]} pixels, more than the limit of {max_pixels:,}; "
+            "max_pixels (--max-pixels) sets another"
+        )
+
+
+def _decoded(data: npt.NDArray[np.uint8], header: Header | None, ignore_exif: bool) -> npt.NDArray[Any]:
+    flags = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH | (cv2.IMREAD_IGNORE_ORIENTATION if ignore_exif else 0)
+    if header is None:
+        what, unknown = description(data.tobytes()), "not an image that OpenCV can decode"
+        raise ImageError(f"{unknown}: it is {what}" if what else unknown)
+    if header.misread:
+        raise ImageError(f"it is {header.misread}, which OpenCV misreads; convert it, to a PNG for example")
+    whole = not is_cut_off(data.tobytes(), header)
+    pixels = _opencv(data, flags) if whole else None
+    if pixels is None and whole and header.alpha != NEVER:
+        pixels = _opencv(data, cv2.IMREAD_UNCHANGED)  # some are decoded with their alpha only
+    if pixels is None:
+        why = "damaged, or of a variant that OpenCV can't decode" if whole else "cut off: data are missing at its end"
+        raise ImageError(f"the {header.kind} file is {why}")
+    if header.alpha == NEVER:
+        return pixels
+    if header.transparent is not None and pixels.ndim == 2:
+        top = np.iinfo(pixels.dtype).max
+        alpha = np.where(pixels == header.transparent, 0, top).astype(pixels.dtype)
+        return np.dstack([pixels, pixels, pixels, alpha])
+    stored = _opencv(data, cv2.IMREAD_UNCHANGED)
+    if stored is not None and stored.ndim == 3 and stored.shape[2] == 4:
+        return _with_alpha(pixels, stored)
+    if header.alpha == SURELY:
+        raise ImageError(
+            f"the {header.kind} file has an alpha channel that OpenCV does not decode; convert it, to a PNG in colour "
+            "for example"
+        )
+    return pixels
+
+
+def _opencv(data: npt.NDArray[np.uint8], flags: int) -> npt.NDArray[Any] | None:
+    """The decoded pixels, or None."""
+    try:
+        return cv2.imdecode(data, flags)
+    except cv2.error:
+        return None
+
+
+def _with_alpha(pixels: npt.NDArray[Any], stored: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """`pixels` with the alpha channel of the same file, which OpenCV reads from it as it is `stored` only.
+
+    The way that the file's orientation turned `pixels` is the one that makes the stored colours equal to them.
+    """
+    if pixels.ndim == 2:
+        pixels = cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR)
+    for turn in range(8):
+        turned = np.rot90(stored.transpose(1, 0, 2) if turn & 4 else stored, turn & 3)
+        if turned.shape[:2] == pixels.shape[:2] and np.array_equal(turned[:, :, :3], pixels):
+            return np.ascontiguousarray(turned)
+    return pixels if stored.shape[:2] != pixels.shape[:2] else np.dstack([pixels, stored[:, :, 3]])

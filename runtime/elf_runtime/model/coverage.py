@@ -1,0 +1,88 @@
+"""Which execution provider really runs which node of a model: asked of ONNX Runtime's own profile."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elf_runtime.contract import ModelContract
+from elf_runtime.errors import ElfError, ModelError, first_line
+
+from .session import Provider, open_session
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """What one provider ran of a model.
+
+    Attributes
+    ----------
+    provider : str
+    ran : dict
+        Op -> number of nodes on this provider, as ONNX Runtime executes them: fused, with its layout changes;
+        a provider that compiles whole subgraphs has one node for each.
+    elsewhere : dict
+        The provider that took the others -> op -> number of nodes.
+    error : str
+        Why nothing could be run; empty where it could.
+    """
+
+    provider: str
+    ran: dict[str, int]
+    elsewhere: dict[str, dict[str, int]]
+    error: str = ""
+
+    @property
+    def complete(self) -> bool:
+        return not self.error and not self.elsewhere and bool(self.ran)
+
+
+def measure(model: str | Path, contract: ModelContract, provider: Provider, size: int = 64) -> Coverage:
+    """Run `model` once on a small image of noise and read where each node was executed.
+
+    Nothing is concluded from lists of supported ops: whether a provider takes a node depends on its
+    attributes and shapes too.
+
+    Raises
+    ------
+    ModelError
+        If the model itself can't be opened.
+    """
+    name = provider if isinstance(provider, str) else provider[0]
+    side = max(size, contract.input.min_size)
+    shape = (1, *contract.input.size_for(side, side, 1.0), contract.input.channels)
+    image = np.random.default_rng(0).random(shape, np.float32) * np.float32(contract.input.value_range)
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            session, _ = open_session(model, provider, profile=str(Path(folder) / "profile"))
+            try:
+                session.run(None, {contract.input.name: image})
+            finally:
+                profile = session.end_profiling()
+            events = json.loads(Path(profile).read_text(encoding="utf-8"))
+        except ModelError:
+            raise
+        except ElfError as error:
+            return Coverage(name, {}, {}, str(error))
+        except Exception as error:  # onnxruntime's own exceptions share no base of theirs
+            return Coverage(name, {}, {}, first_line(error))
+    return from_events(name, events)
+
+
+def from_events(provider: str, events: list[dict[str, Any]]) -> Coverage:
+    """The nodes of a profile of one run, by the provider that executed them."""
+    by_provider: dict[str, Counter[str]] = {}
+    for event in events:
+        if event.get("cat") == "Node" and str(event.get("name", "")).endswith("_kernel_time"):
+            details = event.get("args", {})
+            by_provider.setdefault(details.get("provider", "unknown"), Counter())[details.get("op_name", "?")] += 1
+    sorted_counts = {
+        name: dict(sorted(counts.items(), key=lambda item: (-item[1], item[0]))) for name, counts in by_provider.items()
+    }
+    return Coverage(provider, sorted_counts.pop(provider, {}), sorted_counts)

@@ -1,0 +1,177 @@
+"""The sessions of one model: opened when they are needed, for what is asked for, and for the image sizes in use."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import threading
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import onnxruntime as ort
+
+from elf_runtime.errors import ModelError, first_line
+
+from .forking import forgets_when_forked
+from .onnx_file import has_external_data
+from .ort_format import is_ort_format
+from .session import is_cpu, open_session
+from .subgraph import with_outputs
+
+Shape = tuple[int, ...]
+_Key = tuple[frozenset[str], Shape | None, bool]  # outputs, size (None is any), whether of an image alone
+
+
+class TensorInfo(NamedTuple):
+    """An input or output of a model, as ONNX Runtime describes it: an int, a symbol or None per axis."""
+
+    name: str
+    type: str
+    shape: list[int | str | None]
+
+
+MUCH_LARGER = 2  # times the pixels: an image whose memory is not worth keeping for others
+
+
+class Sessions:
+    """ONNX Runtime computes every output of a graph, asked for or not, and fuses more where it knows the image's size.
+
+    So there is a session for each set of outputs, and of those one for each of the image sizes used last, and a second
+    one where images of that size come in batches.  A size that comes once is not worth one: it runs in a session of any
+    size, which counts as one of the sizes.  The first size of all is expected again, and so is every size on other
+    providers than the CPU, which may compile at length.  A model in ORT format can be neither cut nor given a size: one
+    session serves all.
+
+    Parameters
+    ----------
+    model : bytes
+    name : str
+        How messages call the model.
+    options : mapping
+        Of `open_session`, ``providers`` as `resolve_providers` gives them.
+    sizes : int
+        For how many image sizes sessions are kept; 0: one session for all sizes.
+
+    Raises
+    ------
+    ModelError, ProviderError
+        As `open_session`: the model is opened once, here.
+
+    Attributes
+    ----------
+    providers : list of str
+        The active ones.
+    metadata : mapping
+    inputs, outputs : lists of TensorInfo
+    """
+
+    def __init__(self, model: bytes, name: str, options: Mapping[str, Any], sizes: int) -> None:
+        self._model, self._name, self._options = model, name, options
+        self._divisible = not is_ort_format(model)
+        self._sizes = sizes if self._divisible else 0
+        # A session to check the model only, where sizes get their own; another provider has to show that it starts.
+        self._is_cpu = is_cpu(options["providers"])
+        provisional = self._sizes > 0 and self._is_cpu
+        if has_external_data(model):
+            raise ModelError(f"{name}: its weights lie in other files (external data); an ELF model is one file")
+        session, _ = open_session(model, **options, optimize=not provisional, name=name)
+        self.providers: list[str] = list(session.get_providers())
+        try:
+            self.metadata: Mapping[str, str] = session.get_modelmeta().custom_metadata_map
+            self.inputs, self.outputs = _tensors(session.get_inputs()), _tensors(session.get_outputs())
+        except Exception as error:  # text that is not UTF-8, and what else ONNX Runtime can't tell of a model
+            raise ModelError(f"{name}: what it says of itself can't be read: {first_line(error)}") from error
+        self._all = frozenset(tensor.name for tensor in self.outputs)
+        first = self.inputs[0].shape if self.inputs else []
+        self._dims = [dim if isinstance(dim, str) else None for dim in first[:3]]
+        self._at_once = self._sizes > 0 and not provisional
+        # The least recently used first.
+        self._open: dict[_Key, ort.InferenceSession] = {}
+        if not provisional:
+            self._open[self._all, None, False] = session
+        self._last: dict[frozenset[str], list[Shape]] = {}  # by outputs, the sizes that came last
+        # Of a session of any size: the pixels of its last image, and those that the memory it keeps is enough for.
+        self._pixels: dict[_Key, tuple[int, int]] = {}
+        self._opening = threading.Lock()
+        forgets_when_forked(self)
+
+    def forget(self) -> None:
+        """Start anew in a forked child: the parent's sessions are not for it, and its lock may be held by nobody."""
+        self._open, self._last, self._pixels = {}, {}, {}
+        self._opening = threading.Lock()
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of the model's bytes."""
+        return hashlib.sha256(self._model).hexdigest()
+
+    def __len__(self) -> int:
+        return len(self._open)
+
+    def get(
+        self, outputs: Sequence[str], shape: Shape, expected: bool = False
+    ) -> tuple[ort.InferenceSession, ort.RunOptions | None]:
+        """A session that computes these outputs and no other, for images (N, h, w), and the options to run it with.
+
+        It is for this size alone where the size came before among the last `sizes`, or is `expected` to come again.  An
+        image alone has a session of its own too, which fuses more; in all others of that size the batch is free.  A
+        session of any size gives its memory back after an image much larger than the last, or much smaller than one
+        before.
+        """
+        wanted = frozenset(outputs) if self._divisible else self._all
+        alone, size = shape[0] == 1, shape[1:]
+        with self._opening:
+            key: _Key = (wanted, None, False)
+            if self._sizes:
+                own: _Key = (wanted, size, alone)
+                again = self._comes_again(wanted, size)
+                key = own if again or expected or self._at_once or own in self._open else key
+            session = self._open.pop(key, None)
+            if session is None:
+                fixed = zip(self._dims, shape, (alone, True, True), strict=True) if key[1] else ()
+                dims = {name: side for name, side, known in fixed if name and known}
+                part = self._model if wanted == self._all else self._cut(outputs)
+                session = open_session(part, **self._options, dims=dims, name=self._name)[0]
+                self._make_room(wanted, key[1])
+            self._open[key] = session
+            return session, None if key[1] else self._shrinking(key, math.prod(shape))
+
+    def _cut(self, outputs: Sequence[str]) -> bytes:
+        """The part of the model for these outputs; all of it where nodes have graphs of their own (If, Loop)."""
+        try:
+            return with_outputs(self._model, outputs, self._name)
+        except ModelError:
+            return self._model
+
+    def _shrinking(self, key: _Key, pixels: int) -> ort.RunOptions | None:
+        last, kept = self._pixels.get(key, (pixels, 0))
+        shrinks = self._is_cpu and (kept > MUCH_LARGER * pixels or pixels > MUCH_LARGER * last)
+        self._pixels[key] = pixels, 0 if shrinks else max(pixels, kept)
+        if not shrinks:
+            return None
+        options = ort.RunOptions()
+        options.add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")
+        return options
+
+    def _comes_again(self, wanted: frozenset[str], size: Shape) -> bool:
+        """Whether a size is the first for these outputs or among the last ones, which it joins."""
+        last = self._last.get(wanted, [])
+        self._last[wanted] = [*(other for other in last if other != size), size][-self._sizes :]
+        return not last or size in last
+
+    def _make_room(self, wanted: frozenset[str], size: Shape | None) -> None:
+        """Drop, of the sessions for the same outputs, those of sizes used longest ago; and the start's of any size."""
+        if self._at_once:
+            self._open.pop((self._all, None, False), None)
+        mine = [key for key in self._open if key[0] == wanted]
+        others = list(dict.fromkeys(key[1] for key in reversed(mine) if key[1] != size))
+        for key in mine:
+            if key[1] in others[max(0, self._sizes - 1) :]:
+                del self._open[key]
+                self._pixels.pop(key, None)
+
+
+def _tensors(records: Sequence[ort.NodeArg]) -> list[TensorInfo]:
+    """Plain copies: ONNX Runtime's own records would keep the session alive.  Without a shape the rank counts as 0."""
+    return [TensorInfo(record.name, record.type, list(record.shape or ())) for record in records]

@@ -1,0 +1,149 @@
+"""What `detect` returns."""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from elf_runtime.errors import ElfError, reason
+from elf_runtime.files.kind import open_regular
+from elf_runtime.files.write import write_atomically
+
+Array = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """Keypoints of one image with scores and descriptors.  Two are equal only if they are one object.
+
+    Attributes
+    ----------
+    keypoints : (N, 2) float32
+        (x, y) in pixels of the source image; integer = pixel centre, as in OpenCV.
+    scores : (N,) float32
+        Descending; ties in raster order.  The denoised saliency, on a scale where 255 is the quantile of it that
+        `DetectionParams.normalize` names (its maximum with the paper's settings).
+    descriptors : (N, D) float32
+        Rows of unit L2 norm; D = 0 for a model without a descriptor.
+    image_size : (height, width)
+        Of the source image, in pixels; of a file, turned as its EXIF orientation says (see `image.read`).
+    nms_radius : float
+        In pixels of the source image; `to_cv2` gives a keypoint the size of its window.
+    """
+
+    keypoints: Array
+    scores: Array
+    descriptors: Array
+    image_size: tuple[int, int]
+    nms_radius: float = 10.0
+
+    def __len__(self) -> int:
+        return len(self.keypoints)
+
+    def to_cv2(self) -> tuple[list[Any], Array]:
+        """``(list of cv2.KeyPoint, descriptors)``, as OpenCV's ``detectAndCompute`` returns them.
+
+        A keypoint's ``size`` is the diameter of its suppression window, its ``response`` the score; ELF gives
+        no orientation (``angle = -1``).
+        """
+        size = float(2 * self.nms_radius + 1)
+        points = [
+            cv2.KeyPoint(float(x), float(y), size, -1.0, float(s))
+            for (x, y), s in zip(self.keypoints, self.scores, strict=True)
+        ]
+        return points, self.descriptors
+
+    def __repr__(self) -> str:
+        height, width = self.image_size
+        return f"Features({len(self)} keypoints, descriptors of {self.descriptors.shape[1]}, image {width}x{height})"
+
+    def save(self, path: str | os.PathLike[str], record: Mapping[str, Any] | None = None) -> None:
+        """Write a ``.npz`` (keypoints, scores, descriptors, image_size, nms_radius) or ``.csv`` (x,y,score).
+
+        Parameters
+        ----------
+        path : path
+        record : mapping, optional
+            Where they come from, as plain data: it goes into an ``.npz`` as JSON, for `load_record`.
+
+        Raises
+        ------
+        ElfError
+            On another ending.
+        OSError
+            If the file can't be written; what was there stays.
+        """
+        path = Path(path)
+        writers = {".npz": lambda part: self._write_npz(part, record), ".csv": self._write_csv}
+        if path.suffix not in writers:
+            raise ElfError(f"{path}: features are saved as .npz or .csv")
+        write_atomically(path, writers[path.suffix])
+
+    def _write_npz(self, path: Path, record: Mapping[str, Any] | None) -> None:
+        extra: dict[str, Any] = {} if record is None else {"record": json.dumps(record, sort_keys=True)}
+        np.savez_compressed(
+            path,
+            keypoints=self.keypoints,
+            scores=self.scores,
+            descriptors=self.descriptors,
+            image_size=np.asarray(self.image_size),
+            nms_radius=np.float64(self.nms_radius),
+            **extra,
+        )
+
+    def _write_csv(self, path: Path) -> None:
+        table = np.column_stack([self.keypoints, self.scores])
+        np.savetxt(path, table, delimiter=",", header="x,y,score", comments="", fmt="%.3f")
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Features:
+        """Read a ``.npz`` that `save` wrote.  One without nms_radius has the default.
+
+        Raises
+        ------
+        ElfError
+            If the file is missing, is not such a file, or its arrays do not fit together.
+        """
+        try:
+            with open_regular(path) as file:  # numpy would leave it open where it is damaged
+                if not zipfile.is_zipfile(file):
+                    raise TypeError("it is no .npz archive")
+                file.seek(0)
+                data = np.load(file, allow_pickle=False)
+                height, width = (int(side) for side in data["image_size"])
+                radius = float(data["nms_radius"]) if "nms_radius" in data else cls.nms_radius
+                points, scores, rows = (_floats(data, name) for name in ("keypoints", "scores", "descriptors"))
+        except Exception as error:  # what numpy, zipfile and zlib raise on a damaged file has no common base
+            raise ElfError(f"{path}: not a feature file: {reason(error)}") from error
+        shapes = (points.shape, scores.shape, rows.shape)
+        if rows.ndim != 2 or points.shape != (len(rows), 2) or scores.shape != (len(rows),):
+            raise ElfError(f"{path}: keypoints, scores and descriptors have shapes {shapes}, not (N, 2), (N,), (N, D)")
+        if min(height, width) < 1 or not radius >= 0:
+            raise ElfError(f"{path}: image_size is {height, width} and nms_radius {radius:g}")
+        return cls(points, scores, rows, (height, width), radius)
+
+
+def load_record(path: str | os.PathLike[str]) -> dict[str, Any] | None:
+    """What `Features.save` recorded in a ``.npz``; None where the file is absent, another one, or has no record."""
+    try:
+        with open_regular(path) as file, np.load(file, allow_pickle=False) as data:
+            record = json.loads(str(data["record"]))
+    except Exception:  # what numpy, zipfile and zlib raise on another file has no common base
+        return None
+    return record if isinstance(record, dict) else None
+
+
+def _floats(data: Mapping[str, npt.NDArray[Any]], name: str) -> Array:
+    array = data[name]
+    if array.dtype.kind != "f":
+        raise TypeError(f"{name} is of {array.dtype}, not float32")
+    return array.astype(np.float32, copy=False)

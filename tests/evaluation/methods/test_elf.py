@@ -1,0 +1,86 @@
+"""ELF models as methods, on the small test model; and that the evaluation needs neither torch nor onnx."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from elf_eval.data.images import ImageRef
+from elf_eval.errors import EvalError
+from elf_eval.methods import open_method, open_methods
+from elf_eval.protocol import Protocol
+from elf_eval.run.jobs import ExtractJob, run_extract
+from elf_runtime import ElfRuntime
+
+_ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(scope="module")
+def model():
+    path = _ROOT / "tests" / "data" / "tiny.onnx"
+    if not path.is_file():
+        pytest.skip("no tests/data/tiny.onnx")
+    return path
+
+
+@pytest.fixture
+def image(photo_file):
+    return ImageRef("photo.png", photo_file).open(None)
+
+
+def test_an_elf_model_gives_what_its_runtime_gives(model, image):
+    found = open_method(f"elf:{model}?preset=paper&nms_radius=5").extract(image, 40)
+    direct = ElfRuntime(model).detect(image.pixels, preset="paper", nms_radius=5, max_keypoints=40)
+    assert 0 < len(found) <= 40
+    assert np.array_equal(found.keypoints, direct.keypoints)
+    assert np.array_equal(found.descriptors, direct.descriptors)
+
+
+def test_settings_reach_the_runtime_and_the_fingerprint(model, image):
+    plain, wide = open_method(f"elf:{model}"), open_method(f"elf:{model}?nms_radius=25&scale=0.5")
+    assert plain.fingerprint != wide.fingerprint
+    assert plain.fingerprint == open_method(f"elf:{model}", threads=1).fingerprint
+    assert len(wide.extract(image, 500)) < len(plain.extract(image, 500))
+
+
+def test_sift_keypoints_with_elf_descriptors(model, image):
+    found = open_methods("sift", f"elf:{model}?descriptor=pool1").extract(image, 50)
+    assert found.descriptors.shape == (len(found), 8)
+    assert np.linalg.norm(found.descriptors, axis=1) == pytest.approx(1.0, abs=1e-5)
+    expected = ElfRuntime(model).describe(image.pixels, found.keypoints, descriptor="pool1")
+    assert np.array_equal(found.descriptors, expected)
+
+
+@pytest.mark.parametrize("option", ["descriptor=pool9", "preset=none", "nms_radius=-1"])
+def test_a_setting_that_the_model_refuses_is_named(model, option):
+    with pytest.raises(EvalError, match=option.split("=")[1]):
+        open_method(f"elf:{model}?{option}")
+
+
+def test_a_file_that_is_no_elf_model_is_named(tmp_path):
+    (tmp_path / "none.onnx").write_bytes(b"not onnx")
+    with pytest.raises(EvalError, match=r"none\.onnx"):
+        open_method(f"elf:{tmp_path / 'none.onnx'}")
+
+
+def test_the_evaluation_needs_neither_torch_nor_onnx():
+    code = (
+        "import sys, elf_eval.command.main, elf_eval.report.plots; "
+        "bad = {'torch', 'onnx', 'onnxscript', 'elf_export', 'matplotlib', 'h5py'} & sys.modules.keys(); "
+        "assert not bad, bad"
+    )
+    paths = ":".join(str(_ROOT / part) for part in ("runtime", "evaluation"))
+    subprocess.run([sys.executable, "-c", code], env={"PYTHONPATH": paths}, check=True)
+
+
+def test_an_image_that_the_model_refuses_is_named(model, tmp_path):
+    cv2.imwrite(str(tmp_path / "small.png"), np.zeros((16, 16, 3), np.uint8))
+    ref = ImageRef("small", tmp_path / "small.png")
+    job = ExtractJob(f"elf:{model}", None, 1, ref, Protocol(size=None), tmp_path)
+    with pytest.raises(EvalError, match="small: the image has 16x16 pixels"):
+        run_extract(job)

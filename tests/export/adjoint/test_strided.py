@@ -1,0 +1,181 @@
+"""A strided convolution: its adjoint in phases, exact for every kernel, padding and parity."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from onnx import TensorProto, helper, numpy_helper
+
+from elf_export.adjoint import build_adjoint
+from elf_export.adjoint.rules import strided
+from elf_export.adjoint.windows import Window
+from elf_export.graph.graph import Graph
+from elf_export.saliency import SALIENCY, build_saliency
+
+from .test_phases import evaluated
+
+CHANNELS, RESULTS = 3, 6
+# (kernel), (pads at the top, on the left, below, on the right)
+FORMS = [
+    ((3, 3), (0, 0, 0, 0)),  # Xception's and SqueezeNet's first
+    ((3, 3), (1, 1, 1, 1)),  # the MobileNets'
+    ((7, 7), (3, 3, 3, 3)),  # ResNet's
+    ((3, 3), (0, 0, 1, 1)),  # TensorFlow's SAME, of even sizes
+    ((2, 2), (0, 0, 0, 0)),
+    ((1, 1), (0, 0, 0, 0)),
+    ((4, 5), (1, 2, 2, 0)),
+    ((5, 2), (4, 1, 0, 1)),
+]
+# Whose phases, of one convolution, would take more than twice the layer's own multiplications, for all its zeros.
+WASTEFUL = [((1, 1), (0, 0, 0, 0)), ((5, 2), (4, 1, 0, 1))]
+FARTHER = [
+    ((11, 11), (0, 0, 0, 0), 4),  # AlexNet's
+    ((4, 4), (0, 0, 0, 0), 4),  # ConvNeXt's
+    ((7, 7), (3, 3, 3, 3), 4),
+    ((6, 4), (1, 0, 2, 3), 4),
+    ((5, 5), (2, 2, 2, 2), 3),
+    ((3, 3), (0, 0, 0, 0), 3),
+]
+
+
+def layer(kernel: np.ndarray, pads: tuple[int, ...], **attributes: object) -> onnx.ModelProto:
+    """x (N, 3, H, W) -> Conv -> y"""
+    tensors = [numpy_helper.from_array(kernel, "w")]
+    given = {"strides": [2, 2], "pads": list(pads)} | attributes
+    node = helper.make_node("Conv", ["x", "w"], ["y"], name="y", **given)
+    infos = [
+        helper.make_tensor_value_info(name, TensorProto.DOUBLE, ["N", channels, h, w])
+        for name, channels, h, w in (("x", CHANNELS, "H", "W"), ("y", len(kernel), "h", "w"))
+    ]
+    graph = helper.make_graph([node], "g", infos[:1], infos[1:], tensors)
+    return helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 17)])
+
+
+def problem(
+    kernel: tuple[int, int],
+    pads: tuple[int, ...],
+    size: tuple[int, int],
+    stride: int = 2,
+    depthwise: bool = False,
+) -> tuple[onnx.ModelProto, np.ndarray, np.ndarray]:
+    """The model, images, and the gradient of 1/2 |y|^2 there by torch."""
+    rng = np.random.default_rng(0)
+    channels, groups = ((CHANNELS, 1), CHANNELS) if depthwise else ((RESULTS, CHANNELS), 1)
+    weight, x = rng.standard_normal((*channels, *kernel)), rng.standard_normal((2, CHANNELS, *size))
+    image = torch.tensor(x, requires_grad=True)
+    framed = torch.nn.functional.pad(image, [pads[1], pads[3], pads[0], pads[2]])
+    y = torch.nn.functional.conv2d(framed, torch.tensor(weight), stride=stride, groups=groups)
+    (wanted,) = torch.autograd.grad(y, image, y.detach())
+    return layer(weight, pads, group=groups, strides=[stride] * 2), x, wanted.numpy()
+
+
+@pytest.mark.parametrize(("kernel", "pads"), FORMS)
+@pytest.mark.parametrize("size", [(12, 16), (13, 17), (12, 17), (7, 8)])
+def test_exact_in_float64(kernel: tuple[int, int], pads: tuple[int, ...], size: tuple[int, int]) -> None:
+    graph, gradient, x, wanted = differentiated(kernel, pads, size, 2)
+    assert any(node.op_type == "ConvTranspose" for node in graph.nodes) is ((kernel, pads) in WASTEFUL)
+    np.testing.assert_allclose(evaluated(graph, gradient, x), wanted, atol=1e-11)
+
+
+@pytest.mark.parametrize(("kernel", "pads", "stride"), FARTHER)
+@pytest.mark.parametrize("size", [(12, 16), (13, 17), (14, 18), (15, 19)])
+def test_of_more_phases(kernel: tuple[int, int], pads: tuple[int, ...], stride: int, size: tuple[int, int]) -> None:
+    graph, gradient, x, wanted = differentiated(kernel, pads, size, stride)
+    assert not any(node.op_type == "ConvTranspose" for node in graph.nodes)
+    np.testing.assert_allclose(evaluated(graph, gradient, x), wanted, atol=1e-11)
+
+
+def differentiated(
+    kernel: tuple[int, int], pads: tuple[int, ...], size: tuple[int, int], stride: int
+) -> tuple[Graph, str, np.ndarray, np.ndarray]:
+    """The graph with the gradient built in, the gradient's name, images, and torch's gradient there."""
+    model, x, wanted = problem(kernel, pads, size, stride)
+    graph = Graph(model)
+    return graph, build_adjoint(graph, "y", "x"), x, wanted
+
+
+@pytest.mark.parametrize(("kernel", "pads"), [*FORMS, ((3, 3), (1, 0, 1, 1)), ((5, 5), (2, 2, 2, 2))])
+@pytest.mark.parametrize("size", [(12, 16), (13, 17), (12, 17), (7, 8)])
+def test_depthwise_in_four_phases(kernel: tuple[int, int], pads: tuple[int, ...], size: tuple[int, int]) -> None:
+    """Where every phase has a tap, and rows and columns are as many as each other's phases have."""
+    model, x, wanted = problem(kernel, pads, size, depthwise=True)
+    graph = Graph(model)
+    gradient = build_adjoint(graph, "y", "x")
+    over = [k - pads[axis] - pads[axis + 2] for axis, k in enumerate(kernel)]
+    alike = min(kernel) > 1 and over[0] % 2 == over[1] % 2
+    assert any(node.op_type == "ConvTranspose" for node in graph.nodes) is not alike
+    np.testing.assert_allclose(evaluated(graph, gradient, x), wanted, atol=1e-11)
+
+
+@pytest.mark.parametrize(("kernel", "pads", "stride"), [((3, 3), (1, 1, 1, 1), 2), *FARTHER])
+@pytest.mark.parametrize("size", [(12, 16), (13, 17), (14, 18), (15, 19)])
+def test_the_saliency_averages_in_phases(
+    kernel: tuple[int, int], pads: tuple[int, ...], stride: int, size: tuple[int, int]
+) -> None:
+    model, x, wanted = problem(kernel, pads, size, stride)
+    graph = Graph(build_saliency(model, "y"))
+    (join,) = (node for node in graph.nodes if node.op_type == "ConvTranspose")
+    assert graph.shape(join.output[0])[1] == 1  # one channel to put together
+    np.testing.assert_allclose(evaluated(graph, SALIENCY, x), np.abs(wanted).mean(axis=1), atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("pads", "attributes"),
+    [
+        ((1, 1, 1, 1), {"strides": [4, 4]}),  # three of four rows are read by no window
+        ((1, 1, 1, 1), {"strides": [5, 5]}),
+        ((1, 1, 1, 1), {"strides": [2, 1]}),
+        ((2, 2, 2, 2), {"dilations": [2, 2]}),
+        ((2, 2, 2, 2), {}),  # more padding than kernel: windows that see none of the image
+        ((3, 3, 0, 0), {}),
+        ((1, 1, 1, 1), {"group": 3}),  # two results of each channel
+    ],
+)
+def test_other_forms_stay_with_the_transposed_convolution(pads: tuple[int, ...], attributes: dict[str, object]) -> None:
+    weight = np.random.default_rng(0).standard_normal((RESULTS, 1 if "group" in attributes else CHANNELS, 3, 3))
+    graph = Graph(layer(weight, pads, **attributes))
+    build_adjoint(graph, "y", "x")
+    assert any(node.op_type == "ConvTranspose" for node in graph.nodes)
+
+
+def test_8_bit_graphs_keep_it() -> None:
+    """They have phases of their own (quantize.spread), of rounded numbers."""
+    graph = Graph(problem((3, 3), (1, 1, 1, 1), (12, 16))[0])
+    build_adjoint(graph, "y", "x", channels_last=True)
+    assert any(node.op_type == "ConvTranspose" for node in graph.nodes)
+
+
+def test_a_mistake_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Taps one row and column further; phases in another order; too few rows and columns."""
+    right, phases = strided._kernel, strided.PHASES
+
+    def further(weight: np.ndarray, window: Window, *others: Any) -> np.ndarray:
+        assert window.begin is not None
+        return right(weight, dataclasses.replace(window, begin=tuple(b + 1 for b in window.begin)), *others)
+
+    def exact() -> None:
+        test_exact_in_float64((3, 3), (1, 1, 1, 1), (13, 17))
+
+    def of_more_phases() -> None:
+        test_of_more_phases((3, 3), (0, 0, 0, 0), 3, (14, 18))
+
+    def depthwise() -> None:
+        test_depthwise_in_four_phases((3, 3), (1, 1, 1, 1), (13, 17))
+
+    mistakes: list[tuple[str, object, list[Callable[[], None]]]] = [
+        ("_kernel", further, [exact, depthwise]),
+        ("PHASES", phases[::-1], [depthwise]),
+        ("_overhang", lambda _: [1, 1], [of_more_phases]),
+    ]
+    for name, wrong, tests in mistakes:
+        with monkeypatch.context() as patch:
+            patch.setattr(strided, name, wrong)
+            for test in tests:
+                with pytest.raises(AssertionError):
+                    test()

@@ -1,0 +1,43 @@
+"""Sub-pixel refinement on peaks whose place is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elf_runtime.detection.refine import parabola_peaks
+
+
+def bump(x: float, y: float, size: int = 21, width: float = 2.5) -> np.ndarray:
+    v, u = np.mgrid[:size, :size]
+    return np.exp(-((u - x) ** 2 + (v - y) ** 2) / (2 * width**2)).astype(np.float32)
+
+
+def test_a_parabola_is_found_exactly() -> None:
+    v, u = np.mgrid[:9, :11]
+    scores = (50 - (u - 5.3) ** 2 - 2 * (v - 3.8) ** 2).astype(np.float32)
+    assert parabola_peaks(scores, np.array([[5, 4]])) == pytest.approx(np.array([[5.3, 3.8]]), abs=1e-4)
+
+
+@pytest.mark.parametrize(("x", "y"), [(10.0, 10.0), (10.4, 9.7), (9.51, 10.49), (10.2, 10.2)])
+def test_a_gaussian_is_found_to_a_fiftieth_of_a_pixel(x: float, y: float) -> None:
+    found = parabola_peaks(bump(x, y), np.array([[round(x), round(y)]]))[0]
+    assert np.abs(found - [x, y]).max() < 0.02
+
+
+def test_what_is_no_peak_stays() -> None:
+    flat = np.ones((5, 5), np.float32)
+    ramp = np.arange(25, dtype=np.float32).reshape(5, 5)
+    for scores in (flat, ramp):
+        points = np.array([[0, 0], [2, 2], [4, 4], [0, 2], [2, 4]])
+        assert parabola_peaks(scores, points).tolist() == points.tolist()
+
+
+def test_never_more_than_half_a_pixel() -> None:
+    scores = np.random.default_rng(0).integers(0, 4, (60, 60)).astype(np.float32)
+    points = np.stack(np.meshgrid(np.arange(60), np.arange(60)), -1).reshape(-1, 2)
+    assert np.abs(parabola_peaks(scores, points) - points).max() <= 0.5
+
+
+def test_no_points() -> None:
+    assert parabola_peaks(bump(3, 3), np.zeros((0, 2), np.int64)).shape == (0, 2)
