@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-Float = npt.NDArray[np.float64]
-Size = tuple[int, int]  # (width, height)
+from elf_runtime.checks.repeatability import Float as Float
+from elf_runtime.checks.repeatability import Size as Size
+from elf_runtime.checks.repeatability import inside as inside
 
 
 def warp(matrix: npt.NDArray[np.floating], points: Any) -> Float:
@@ -28,14 +29,6 @@ def warp(matrix: npt.NDArray[np.floating], points: Any) -> Float:
     q = p @ matrix[:, :2].T + matrix[:, 2]
     w = np.where(q[:, 2:] > 1e-12, q[:, 2:], np.nan)
     return np.asarray(q[:, :2] / w, np.float64)
-
-
-def inside(points: Float, size: Size) -> npt.NDArray[np.bool_]:
-    """(N,) bool: which of the (N, 2) points fall on a pixel of an image of (width, height); NaN does not."""
-    half = 0.5
-    low = points >= -half
-    high = points < np.asarray(size, np.float64) - half
-    return np.asarray((low & high).all(axis=1))
 
 
 def resize_matrix(source: Size, target: Size) -> Float:

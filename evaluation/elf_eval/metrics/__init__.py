@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from .greedy import greedy_matching
+from elf_runtime.checks.greedy import greedy_matching
+from elf_runtime.checks.repeatability import Covisible, covisible, repeatability_and_matching_score
+
 from .homography import corner_error, estimate_homography
 from .matching import descriptor_distances, mean_matching_accuracy, mutual_nearest
 from .pose import estimate_pose, pose_error
-from .repeatability import Covisible, covisible, repeatability_and_matching_score
 from .statistics import Estimate, auc, auc_trapezoids, mean_interval, paired_difference
 
 __all__ = [

@@ -9,8 +9,7 @@ import numpy.typing as npt
 
 from elf_eval.errors import EvalError
 from elf_eval.geometry import Float
-
-from .greedy import Pairs
+from elf_runtime.checks.greedy import Pairs
 
 MMA_THRESHOLDS = tuple(range(1, 11))  # pixels
 

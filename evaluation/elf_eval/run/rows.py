@@ -14,6 +14,7 @@ from elf_eval.data.images import ImageRef
 from elf_eval.methods.base import code_digest
 from elf_eval.metrics import pair as pair_metrics
 from elf_eval.protocol import Protocol
+from elf_runtime.checks import greedy, repeatability
 
 from .jobs import ExtractDone, PairJob
 
@@ -33,7 +34,7 @@ class Row:
 
 def rows(protocol: Protocol, dataset: Dataset, methods: list[str], features: Features) -> Iterator[Row]:
     """One for each pair, way of counting and method, in that order."""
-    files = [module.__file__ or "" for module in (geometry, pair_metrics, truth)]
+    files = [module.__file__ or "" for module in (geometry, greedy, pair_metrics, repeatability, truth)]
     code = code_digest(*files, *Path(metrics.__path__[0]).glob("*.py"))
     settings = json.dumps([protocol.to_dict() | {"counts": None, "count_floor": None}, code])
     for pair in dataset.pairs:

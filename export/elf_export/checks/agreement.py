@@ -11,11 +11,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from elf_eval.geometry import warp
-from elf_eval.metrics import covisible, descriptor_distances, repeatability_and_matching_score
 from elf_export.calibration import CalibrationSet, decoded
 from elf_export.errors import VerificationError
 from elf_runtime import ElfRuntime, Features, InputSpec, ModelError
+from elf_runtime.checks.repeatability import covisible, repeatability_and_matching_score
 
 Image = npt.NDArray[Any]  # (H, W) or (H, W, 3), of the file's own bit depth
 
@@ -166,13 +165,18 @@ def _view(image: Image, index: int) -> tuple[Image, npt.NDArray[np.float64]]:
 
 def _scores(first: Features, second: Features, homography: npt.NDArray[np.float64]) -> tuple[float, float]:
     """Repeatability and matching score, in percent; 0 where nothing is seen in both."""
-    there, back = (partial(warp, matrix) for matrix in (homography, np.linalg.inv(homography)))
+    there, back = (partial(_warped, matrix) for matrix in (homography, np.linalg.inv(homography)))
     seen = covisible(first.keypoints, second.keypoints, there, back, _size(first), _size(second))
     distance = None
     if first.descriptors.shape[1]:
-        distance = descriptor_distances(first.descriptors, second.descriptors)[np.ix_(seen.first, seen.second)]
+        one, other = first.descriptors.astype(np.float64), second.descriptors.astype(np.float64)
+        distance = -(one[seen.first] @ other[seen.second].T)  # of unit length: in the order of their distances
     rep, ms, _ = repeatability_and_matching_score(seen, distance, REPEATED)
     return 100 * rep, 100 * (ms or 0.0)
+
+
+def _warped(homography: npt.NDArray[np.floating], points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    return np.asarray(cv2.perspectiveTransform(points[:, None], homography)[:, 0] if len(points) else points)
 
 
 def _size(features: Features) -> tuple[int, int]:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from elf_eval.geometry import Float, Size, inside
-
 from .greedy import Pairs, greedy_matching
 
+Float = npt.NDArray[np.float64]
+Size = tuple[int, int]  # (width, height)
 Warp = Callable[[Float], Float]
 
 
@@ -87,6 +87,14 @@ def repeatability_and_matching_score(
     partner[by_descriptor[:, 0]] = by_descriptor[:, 1]
     both = in_place[partner[in_place[:, 0]] == in_place[:, 1]]
     return len(in_place) / least, len(both) / least, both
+
+
+def inside(points: Float, size: Size) -> npt.NDArray[np.bool_]:
+    """(N,) bool: which of the (N, 2) points fall on a pixel of an image of (width, height); NaN does not."""
+    half = 0.5
+    low = points >= -half
+    high = points < np.asarray(size, np.float64) - half
+    return np.asarray((low & high).all(axis=1))
 
 
 def pairwise_distance(a: Float, b: Float) -> Float:
