@@ -14,12 +14,11 @@ from .errors import ExportError, LayerError, UnsupportedGraphError, UnsupportedN
 
 if TYPE_CHECKING:
     from .descriptors.projection import Reduction
-    from .export import export_network
     from .graph.passes import convert_opset, single_precision
-    from .output import ExportResult
+    from .library import export_network, export_onnx
+    from .pipeline import ExportResult
     from .preprocessing import Preprocessing
     from .saliency import build_gradient, build_saliency
-    from .sources.foreign.export import export_onnx
     from .sources.foreign.load import load_model
 
 __all__ = [
@@ -42,13 +41,13 @@ __all__ = [
 ]
 
 _HOMES = {
-    "ExportResult": "output",
+    "ExportResult": "pipeline",
     "Preprocessing": "preprocessing",
     "Reduction": "descriptors.projection",
     "build_gradient": "saliency",
     "build_saliency": "saliency",
-    "export_network": "export",
-    "export_onnx": "sources.foreign.export",
+    "export_network": "library",
+    "export_onnx": "library",
     "convert_opset": "graph.passes",
     "load_model": "sources.foreign.load",
     "single_precision": "graph.passes",

@@ -14,6 +14,11 @@ Wanted = DetectionParams | Mapping[str, Any] | None
 """All settings, some to change, or None: the network's own."""
 
 
+def as_mapping(wanted: Wanted) -> Mapping[str, Any]:
+    """What is wanted, setting by setting."""
+    return wanted.to_dict() if isinstance(wanted, DetectionParams) else wanted or {}
+
+
 def chosen(own: DetectionParams, wanted: Wanted) -> DetectionParams:
     """The settings for a file.
 
@@ -22,21 +27,21 @@ def chosen(own: DetectionParams, wanted: Wanted) -> DetectionParams:
     ExportError
         On an unknown setting, or a value out of range.
     """
-    if isinstance(wanted, DetectionParams):
-        return wanted
     try:
-        return own.updated(**(wanted or {}))
+        return own.updated(**as_mapping(wanted))
     except SettingError as error:
         raise ExportError(str(error)) from error
 
 
-def arguments(own: DetectionParams, detection: DetectionParams) -> list[str]:
-    """`elf-export`'s options for what differs from the network's own settings."""
-    base, words = own.to_dict(), []
-    for name, value in detection.to_dict().items():
-        if value != base[name]:
-            words += ["--set", f"{name}={_text(value)}"]
-    return words
+def changed(own: DetectionParams, detection: DetectionParams) -> dict[str, Any]:
+    """The settings of `detection` that are not those of `own`."""
+    base = own.to_dict()
+    return {name: value for name, value in detection.to_dict().items() if value != base[name]}
+
+
+def setting_words(settings: Mapping[str, Any]) -> list[str]:
+    """`elf-export`'s options for settings."""
+    return [word for name, value in settings.items() for word in ("--set", f"{name}={_text(value)}")]
 
 
 def _text(value: Any) -> str:

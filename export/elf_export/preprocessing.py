@@ -47,7 +47,7 @@ class Preprocessing:
         mean, std = (", ".join(f"{v:g}" for v in values) for values in (self.mean, self.std))
         return f"{self.color}, (I * {self.scale:g} - [{mean}]) / [{std}]"
 
-    def arguments(self) -> list[str]:
+    def words(self) -> list[str]:
         """The options of elf-export that say the same."""
         if self.standardize:
             return ["--color", self.color, "--standardize"]

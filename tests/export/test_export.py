@@ -15,11 +15,12 @@ import torch
 from onnx import numpy_helper
 
 from elf_export import ExportError, LayerError, VerificationError, export_network
-from elf_export.checks import autograd as verify
-from elf_export.checks.reference import torch_saliency
+from elf_export.checks.pictures import probe_images
+from elf_export.checks.torch_reference import torch_saliency
 from elf_export.command.main import main
-from elf_export.output import first_that_runs
+from elf_export.graph.sizes import Sizes
 from elf_export.saliency import build_saliency
+from elf_export.sources.finished_sizes import sizes_of
 from elf_export.sources.forward import NETWORK_INPUT, torch_to_onnx
 from elf_export.sources.networks import get_network
 from elf_export.sources.networks.vgg import LAYERS, tensor_shapes
@@ -83,13 +84,13 @@ def test_the_command_writes_one_verified_file(tmp_path: Path, capsys: pytest.Cap
 @pytest.mark.parametrize("layer", [layer for layer in TRUNK if layer != "pool2"])
 def test_every_layer_of_the_trunk(tmp_path: Path, layer: str) -> None:
     result = export_network("vgg", layer, [], tmp_path / "a.onnx", offline=True)
-    assert verify.passed(result.checks)
+    assert all(check.passed for check in result.checks)
 
 
 @pytest.mark.parametrize("layer", ["conv3_3", "pool3", "conv4_1", "pool5"])
 def test_deep_layers(tmp_path: Path, layer: str, random_weights: Path) -> None:
     result = export_network("vgg", layer, ["pool5"], tmp_path / "a.onnx", weights=random_weights)
-    assert verify.passed(result.checks)
+    assert all(check.passed for check in result.checks)
     assert result.contract.weights.source == "random.npz, unverified"
     elf = ElfRuntime(result.path)
     assert result.contract.input.min_size == 32
@@ -102,13 +103,12 @@ def test_the_smallest_size_is_one_that_the_finished_graph_runs_on() -> None:
     network = get_network("vgg")
     module = network.build(seeded_weights(network.tensor_shapes(["conv4_1"])), ["conv4_1"])
     forward = torch_to_onnx(module, ["conv4_1"], 3)
-    sizes = {size: (1, size, size, 3) for size in (32, 36, 48, 64)}
     for least, wanted in ((32, 32), (64, 48)):
         model = build_saliency(forward, "conv4_1", [], NETWORK_INPUT, network.preprocessing, min_size=least)
         assert any(node.name.endswith("/composed/inside") for node in model.graph.node) == (least == 64)
-        assert first_that_runs(model, sizes) == wanted
+        assert sizes_of(model, Sizes(), 3, 1.0, ()).min_size == wanted
     with pytest.raises(ExportError, match=r"runs the saliency graph at no size that was tried: .*Invalid input shape"):
-        first_that_runs(model, {size: sizes[size] for size in (32, 36)})
+        sizes_of(model, Sizes(36, 36), 3, 1.0, ())
 
 
 @pytest.mark.parametrize("layer", ["relu4_3", "pool4", "conv5_2"])
@@ -134,7 +134,7 @@ def test_opsets(tmp_path: Path, opset: int) -> None:
     model = onnx.load(result.path)
     assert [o.version for o in model.opset_import if o.domain == ""] == [opset]
     assert model.ir_version <= 10
-    assert verify.passed(result.checks)
+    assert all(check.passed for check in result.checks)
 
 
 def test_only_portable_standard_ops(vgg) -> None:
@@ -286,7 +286,7 @@ def test_a_calibration_folder_is_looked_for_first(
     def later(*_: object) -> None:
         raise AssertionError("weights were loaded before")
 
-    monkeypatch.setattr("elf_export.export.load_weights", later)
+    monkeypatch.setattr("elf_export.sources.named.load_weights", later)
     arguments = ["--net", "vgg", "--precision", "int8", "--calibration", str(tmp_path / "none"), "--offline"]
     assert main([*arguments, "-o", str(tmp_path / "a.onnx")]) == 1
     assert "not a folder of calibration images" in capsys.readouterr().err
@@ -309,7 +309,7 @@ def test_the_command_names_the_weights_and_the_opset(tmp_path: Path, random_weig
 
 
 def test_the_verification_images_have_ties_and_keypoints() -> None:
-    for label, image in verify.probe_images(176, 240, 3):
+    for label, image in probe_images(176, 240, 3):
         assert image.shape == (176, 240, 3)
         assert (image == np.floor(image)).all()
         flat = (image[:, 1:] == image[:, :-1]).all(axis=2).mean()

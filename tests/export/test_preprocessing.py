@@ -133,7 +133,7 @@ def test_only_a_flat_image_is_held_from_being_divided_by_nothing() -> None:
      Preprocessing("bgr", False, 1 / 3, (0.1 + 0.2, 1e-9, -2.0), (1.0000001, 2.0, 3.0))],
 )  # fmt: skip
 def test_the_options_say_the_same_to_the_last_digit(settings: Preprocessing) -> None:
-    args = parser().parse_args(["--onnx", "a.onnx", *settings.arguments()])
+    args = parser().parse_args(["--onnx", "a.onnx", *settings.words()])
     found = preprocessing_of(args)
     assert found is not None
     assert (found.color, found.standardize, found.scale) == (settings.color, settings.standardize, settings.scale)

@@ -3,52 +3,16 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float32]
-Array64 = npt.NDArray[np.float64]
-Forward = Callable[[Array64], Array64]
+from .arithmetic import NOISE, Arithmetic, Array64, Forward
 
-# Two families of directions.  The signs of g, on a random half of the pixels, see a wrong factor or place with
-# a signal far above rounding; white noise sees what g lacks, but is nearly orthogonal to any g: in float32
-# its derivative drowns.
-SIGNS, NOISE = "signs of the gradient", "white noise"
 DIRECTIONS = 3  # of each family, on each image
 # For one direction that crosses no kink; of several the one with the least is kept.  A gate that one number opens may
 # lie in the way of most.
 TRIES = 6
-
-
-@dataclass(frozen=True)
-class Arithmetic:
-    """How differences are taken in one precision, and how well they must agree.
-
-    Attributes
-    ----------
-    steps : e, in standard deviations of the image for v of rms 1
-        Rounding errs like 1/e, curvature and switching ReLUs like e: of two neighbouring steps that agree
-        best the mean is taken, a choice that does not look at the gradient.  Where a kink within the step makes
-        the slopes ahead and behind differ by more than `typical` allows, another direction is tried.
-    sizes : (height, width) of the images, about
-    families : of directions
-    typical, largest : of the errors over all directions, the bound on the median and on each
-    """
-
-    name: str
-    steps: tuple[float, ...]
-    sizes: tuple[tuple[int, int], ...]
-    families: tuple[str, ...]
-    typical: float
-    largest: float
-
-
-# In float64 both sides are, so that only a kink within a step is left of the error.
-FLOAT64 = Arithmetic("float64", (3e-8, 3e-7, 3e-6), ((48, 64), (53, 71)), (SIGNS, NOISE), 1e-6, 1e-3)
-FLOAT32 = Arithmetic("float32", (3e-5, 1e-4, 3e-4, 1e-3), ((96, 128), (101, 141)), (SIGNS,), 5e-3, 5e-2)
 
 
 @dataclass(frozen=True)
@@ -136,21 +100,3 @@ def _difference(forward: Forward, x: Array64, f: Array64, v: Array64, step: floa
         return float(((a - b) * (a + b)).sum()) / (2 * step)
 
     return rise(ahead, behind) / 2, (rise(ahead, f) - rise(f, behind)) / 2
-
-
-def grainy(height: int, width: int, channels: int, seed: int) -> Array:
-    """A picture without ties: (H, W, C) float32 between 0 and 255, waves and edges under a fine grain.
-
-    Where two pixels of a pooling window are equal the derivative does not exist, and no two steps would agree; nor does
-    it at 0 and 255, where a network may cut its pixels off.
-    """
-    rng = np.random.default_rng(seed)
-    y, x = np.mgrid[:height, :width]
-    picture = np.zeros((height, width, channels))
-    for _ in range(12):
-        fy, fx, phase = rng.normal(0, 0.25), rng.normal(0, 0.25), rng.uniform(0, 2 * np.pi)
-        wave = np.sin(fy * y + fx * x + phase)
-        picture += (np.sign(wave) if rng.random() < 0.5 else wave)[..., None] * rng.uniform(0.2, 1, channels)
-    picture += 0.3 * rng.standard_normal(picture.shape)
-    low, high = picture.min(), picture.max()
-    return np.asarray(1 + 253 * (picture - low) / (high - low), np.float32)

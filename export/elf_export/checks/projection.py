@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 import onnx
 
-from elf_export.descriptors.projection import Projection
-from elf_export.errors import VerificationError
 from elf_export.saliency import descriptor_output
 from elf_runtime import InputSpec
 from elf_runtime.model.session import open_session
 
-from .autograd import probe_images
+from .pictures import probe_images
+
+if TYPE_CHECKING:
+    from elf_export.descriptors.projection import Projection
 
 Array = npt.NDArray[np.float32]
 
@@ -28,7 +30,7 @@ LARGEST = 1e-3
 
 
 @dataclass(frozen=True)
-class MapCheck:
+class LayerCheck:
     """Agreement of one layer.
 
     Attributes
@@ -42,9 +44,38 @@ class MapCheck:
     error: float
 
 
-def verify_projection(
+@dataclass(frozen=True)
+class ProjectionCheck:
+    """The projected maps beside the projections of the maps."""
+
+    layers: tuple[LayerCheck, ...]
+
+    @property
+    def passed(self) -> bool:
+        return all(layer.error <= LARGEST for layer in self.layers)
+
+    @property
+    def complaint(self) -> str:
+        wrong = ", ".join(repr(layer.layer) for layer in self.layers if not layer.error <= LARGEST)
+        return (
+            f"the projected descriptors of {wrong} disagree with their reference; at most {LARGEST:g} of the largest "
+            "value is wanted."
+        )
+
+    def table(self) -> str:
+        return "\n".join(
+            f"descriptors {c.layer}: {c.source_dim} channels -> {c.dim}, largest error {c.error:.1e} of the largest "
+            "value"
+            for c in self.layers
+        )
+
+    def figures(self) -> dict[str, float]:
+        return {"descriptor_error": max(layer.error for layer in self.layers)}
+
+
+def check_projection(
     model: onnx.ModelProto, maps: Maps, projections: Mapping[str, Projection], spec: InputSpec
-) -> list[MapCheck]:
+) -> ProjectionCheck:
     """Compare the projected outputs in ONNX Runtime with `maps` projected in float64, on an odd-sized batch.
 
     Parameters
@@ -53,16 +84,11 @@ def verify_projection(
         With the projections inside.
     projections : mapping
         Layer -> Projection.
-
-    Raises
-    ------
-    VerificationError
-        If a layer's error is above 1e-3.
     """
     session, _ = open_session(model.SerializeToString())
     height, width = spec.size_for(177, 239, 1.0)
-    images = [image for _, image in probe_images(height, width, spec.channels)]
-    batch = np.stack(images[: spec.batch or len(images)])
+    pictures = [picture for _, picture in probe_images(height, width, spec.channels)]
+    batch = np.stack(pictures[: spec.batch or len(pictures)])
     wanted = maps(batch)
     found = session.run([descriptor_output(layer) for layer in projections], {spec.name: batch})
     checks = []
@@ -72,24 +98,5 @@ def verify_projection(
             error = np.inf
         else:
             error = float(np.abs(values - reference).max() / max(np.abs(reference).max(), 1e-300))
-        checks.append(MapCheck(layer, len(projection.mean), projection.matrix.shape[1], error))
-    for check in checks:
-        if not check.error <= LARGEST:
-            raise VerificationError(
-                f"the projected descriptors of {check.layer!r} disagree with their reference: off by {check.error:.1e} "
-                f"of the largest value, at most {LARGEST:g} is wanted. No file was written."
-            )
-    return checks
-
-
-def parity(checks: Sequence[MapCheck]) -> dict[str, float]:
-    """The worst error of the checks, for the contract; nothing without projected layers."""
-    return {"descriptor_error": max(check.error for check in checks)} if checks else {}
-
-
-def table(checks: Sequence[MapCheck]) -> str:
-    """The checks as a small text table."""
-    return "\n".join(
-        f"descriptors {c.layer}: {c.source_dim} channels -> {c.dim}, largest error {c.error:.1e} of the largest value"
-        for c in checks
-    )
+        checks.append(LayerCheck(layer, len(projection.mean), projection.matrix.shape[1], error))
+    return ProjectionCheck(tuple(checks))

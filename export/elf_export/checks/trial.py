@@ -8,12 +8,12 @@ import numpy as np
 import onnx
 
 from elf_export.errors import ExportError
-from elf_export.output import stamped
-from elf_export.sources.foreign.free_sizes import Sizes
+from elf_export.file import stamped
+from elf_export.graph.sizes import Sizes
 from elf_runtime import ElfRuntime, ModelContract
 from elf_runtime.errors import ElfError, first_line
 
-from .directional import grainy
+from .pictures import grainy
 
 AT = ((97, 131), (240, 320))  # about so many pixels of height and width, beside the smallest image
 

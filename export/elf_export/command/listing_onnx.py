@@ -8,13 +8,16 @@ import os
 import onnx
 
 from elf_export.errors import ExportError
+from elf_export.graph.image_input import ImageInput
 from elf_export.graph.passes import cut, single_precision
+from elf_export.graph.sizes import USUAL, Sizes, with_sizes
 from elf_export.sources.foreign.affordable import require_affordable
-from elf_export.sources.foreign.free_sizes import USUAL, Sizes, free_sizes, with_sizes
+from elf_export.sources.foreign.free_sizes import free_sizes
 from elf_export.sources.foreign.guard import only_export_errors
-from elf_export.sources.foreign.image_input import ImageInput, find_image_input
+from elf_export.sources.foreign.image_input import find_image_input
 from elf_export.sources.foreign.load import load_model
-from elf_export.sources.foreign.source import Source, in_floats, in_known_opset, largest_stride, layer_fields
+from elf_export.sources.foreign.prepare import Prepared, in_floats, in_known_opset
+from elf_export.sources.geometry import largest_stride, layer_fields
 
 from .listing import layer_table, map_layers
 
@@ -36,11 +39,11 @@ def model_table(file: str | os.PathLike[str], image_input: str | None = None) ->
         sizes = source.sizes
         height, width = sizes.near(image.size[1] or USUAL, image.size[2] or USUAL)
         shown = with_sizes(model, image, Sizes(height, width, sizes.batch or 1))
-        table = layer_table(shown, image.name, fields=layer_fields(source, source.layers))
+        table = layer_table(shown, image.name, fields=layer_fields(source.model, image, sizes, source.layers))
         return "\n".join([*notes, *more, f"images: {sizes.describe()}", table])
 
 
-def _freed(model: onnx.ModelProto, image: ImageInput) -> Source:
+def _freed(model: onnx.ModelProto, image: ImageInput) -> Prepared:
     """The model cut at all of its maps, its sizes freed; as it stands where that can't be run by the image alone."""
     batch, height, width = (size or 0 for size in image.size)
     sizes = Sizes(height, width, batch)
@@ -49,13 +52,13 @@ def _freed(model: onnx.ModelProto, image: ImageInput) -> Source:
         with contextlib.suppress(ExportError):
             _, sizes = free_sizes(model, image, largest_stride(model, image))
     layers = tuple(map_layers(_at_own_size(model, image, sizes), image.name))
-    source = Source(model, image, sizes, layers)
+    source = Prepared(model, image, sizes, layers)
     if not layers:
         return source
     trunk = cut(model, layers)
     with contextlib.suppress(ExportError):
         trunk, sizes = free_sizes(trunk, image, largest_stride(trunk, image))
-        return Source(trunk, image, sizes, layers)
+        return Prepared(trunk, image, sizes, layers)
     return source
 
 

@@ -10,7 +10,7 @@ from elf_export.errors import ExportError
 from elf_runtime.commands.command import run
 from elf_runtime.errors import printable
 
-from .options import check, layers_of, parser, preprocessing_of, reduction_of
+from .options import check, parser, request_of
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -39,26 +39,9 @@ def _need_onnx(named: bool) -> None:
 
 
 def _export(args: argparse.Namespace) -> None:
-    if args.onnx is not None:
-        from elf_export.sources.foreign.export import export_onnx
+    from elf_export.pipeline import export
 
-        result = export_onnx(
-            args.onnx, args.layer, layers_of(args.desc) or [], args.output, image_input=args.input,
-            preprocessing=preprocessing_of(args), opset=args.opset, force=args.force, log=print,
-            reduction=reduction_of(args), calibration=args.calibration, precision=args.precision,
-            detection=dict(args.set),
-        )  # fmt: skip
-    else:
-        from elf_export.export import export_network
-        from elf_export.sources.forward import DEFAULT_OPSET
-
-        result = export_network(
-            args.net, args.layer, layers_of(args.desc), args.output, weights=args.weights,
-            opset=args.opset or DEFAULT_OPSET, force=args.force, offline=args.offline,
-            preprocessing=args.preprocess or "paper", desc_weights=args.desc_weights, log=print,
-            reduction=reduction_of(args), calibration=args.calibration, precision=args.precision,
-            detection=dict(args.set),
-        )  # fmt: skip
+    result = export(request_of(args), print)
     size, contract = result.path.stat().st_size / 1e6, result.contract
     described = ", ".join(d.layer for d in contract.descriptors) or "none"
     made = f"{contract.network} {contract.layer}, descriptors {described}"

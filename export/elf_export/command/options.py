@@ -7,6 +7,7 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from elf_export.request import PRECISIONS, Request
 from elf_runtime.commands._settings import setting
 from elf_runtime.commands.command import new_parser
 
@@ -33,8 +34,8 @@ examples:
                                                          an ELF model from it; needs no PyTorch
 """
 
-PRECISIONS = ("fp32", "fp16", "bf16", "int8")
-ONLY_WITH_NET = ("weights", "offline", "preprocess", "desc_weights")
+ONLY_WITH_NET = ("weights", "preprocess")
+OF_NAMED_NETWORKS = ("offline", "desc_weights")  # with --net, or --desc NET:LAYER
 ONLY_WITH_ONNX = ("input", "color", "mean", "std", "scale", "standardize")
 
 
@@ -44,8 +45,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--layer", metavar="LAYER", help="the layer F that keypoints come from (--net: the paper's)")
     p.add_argument(
         "--desc", metavar="LAYER[,LAYER...]|none",
-        help="layers that describe the keypoints, the first being the default; with --net, NET:LAYER takes another "
-        "network's (--net: the paper's)",
+        help="layers that describe the keypoints, the first being the default; NET:LAYER takes one of another network "
+        "that comes with the exporter (--net: the paper's)",
     )  # fmt: skip
     p.add_argument(
         "--desc-dim", type=int, metavar="D",
@@ -90,6 +91,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--force", action="store_true", help="overwrite an existing file")
     p.add_argument("--list", action="store_true", help="list the networks, or the layers of one, and stop")
 
+    p.add_argument("--desc-weights", metavar="FILE", help="weights of the other network of --desc NET:LAYER")
+    p.add_argument("--offline", action="store_true", help="never use the network; so does ELF_OFFLINE=1")
+
     net = p.add_argument_group("a network that comes with the exporter")
     net.add_argument("--net", metavar="NAME", help="--list shows the names")
     net.add_argument(
@@ -97,12 +101,10 @@ def parser() -> argparse.ArgumentParser:
         help="trained weights: .pth, .h5, .keras, .safetensors, .npz or .onnx (default: the published ones, from "
         "the cache, the bundled model, the publisher or a package index)",
     )  # fmt: skip
-    net.add_argument("--desc-weights", metavar="FILE", help="weights of the other network of --desc NET:LAYER")
     net.add_argument(
         "--preprocess", choices=("paper", "own"),
         help="what the detector is fed: each image standardised (paper, the default), or what it was trained with",
     )  # fmt: skip
-    net.add_argument("--offline", action="store_true", help="never use the network; so does ELF_OFFLINE=1")
 
     onnx = p.add_argument_group(
         "anyone's model",
@@ -144,7 +146,7 @@ def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
 
     if args.net is not None and args.onnx is not None:
         fail("--net and --onnx exclude each other: a network of ours, or a model of yours")
-    for name in ONLY_WITH_NET:
+    for name in ONLY_WITH_NET if ":" in (args.desc or "") else (*ONLY_WITH_NET, *OF_NAMED_NETWORKS):
         if given(name) and args.net is None:
             fail(f"--{name.replace('_', '-')} goes with --net only: it is about a network that comes with the exporter")
     for name in ONLY_WITH_ONNX:
@@ -183,6 +185,29 @@ def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
             fail("--onnx needs --layer (--list shows the layers)")
         if args.desc is None:
             fail("--onnx needs --desc: layers to describe keypoints with, or none")
+
+
+def request_of(args: argparse.Namespace) -> Request:
+    """What the options ask for."""
+    desc = layers_of(args.desc)
+    return Request(
+        net=args.net or "",
+        onnx=args.onnx,
+        layer=args.layer,
+        desc=None if desc is None else tuple(desc),
+        output=args.output,
+        weights=args.weights,
+        desc_weights=args.desc_weights,
+        offline=args.offline,
+        preprocess=preprocessing_of(args) if args.net is None else args.preprocess,
+        input=args.input,
+        opset=args.opset,
+        force=args.force,
+        detection=dict(args.set),
+        reduction=reduction_of(args),
+        calibration=args.calibration,
+        precision=args.precision,
+    )
 
 
 def preprocessing_of(args: argparse.Namespace) -> Preprocessing | None:

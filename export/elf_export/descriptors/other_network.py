@@ -15,31 +15,12 @@ from elf_export.graph.graph import Graph
 from elf_export.graph.passes import cut, fold_batchnorm, fold_constants, share
 from elf_export.preprocessing import Preprocessing, prepend
 from elf_export.saliency import IMAGE, check, descriptor_output
-from elf_export.sources.forward import NETWORK_INPUT
-
-
-def by_network(network: str, descriptors: Sequence[str]) -> dict[str, list[str]]:
-    """Layers to describe by, of each network: ``NET:LAYER`` names another, ``LAYER`` is the detector's own.
-
-    The detector comes first, with an empty list where it describes nothing.
-    """
-    layers: dict[str, list[str]] = {network: []}
-    for name in descriptors:
-        other, _, layer = name.rpartition(":")
-        wanted = layers.setdefault(other or network, [])
-        if layer not in wanted:
-            wanted.append(layer)
-    return layers
-
-
-def label(network: str, layer: str, detector: str) -> str:
-    """A descriptor layer's name in the contract."""
-    return layer if network == detector else f"{network}:{layer}"
 
 
 def attach(
     model: onnx.ModelProto,
     forward: onnx.ModelProto,
+    image: str,
     network: str,
     layers: Sequence[str],
     preprocessing: Preprocessing,
@@ -52,7 +33,7 @@ def attach(
     model : onnx.ModelProto
         As `build_saliency` makes it, with an image input of the colour order `color`.
     forward : onnx.ModelProto
-        The other network, as `torch_to_onnx` makes it; its values get ``NETWORK/`` in front of their names.
+        The other network, whose input is called `image`; its values get ``NETWORK/`` in front of their names.
     """
     graph = Graph(fold_batchnorm(fold_constants(cut(forward, layers)), keep=layers))
     outputs = []
@@ -62,7 +43,7 @@ def attach(
         graph.op("Transpose", layer, name=f"descriptors/{layer}", outputs=[out], perm=[0, 2, 3, 1])
         dims = ["N", f"h_{out}", f"w_{out}", channels]
         outputs.append(helper.make_tensor_value_info(out, TensorProto.FLOAT, dims))
-    prepend(graph, NETWORK_INPUT, preprocessing, IMAGE, color)
+    prepend(graph, image, preprocessing, IMAGE, color)
 
     kept = {"", IMAGE, *(value.name for value in outputs)}
     for node in graph.model.graph.node:

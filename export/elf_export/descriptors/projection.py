@@ -63,6 +63,13 @@ class Reduction:
             return float(self.whiten)
         return WHITEN if self.method == "pca" else 0.0
 
+    def words(self) -> list[str]:
+        """The options of `elf-export` that say the same."""
+        words = ["--desc-dim", str(self.dim)]
+        words += ["--desc-reduce", self.method] if self.method != "pca" else []
+        words += ["--keep-weights"] if self.separate else []
+        return words + (["--whiten", str(self.exponent)] if self.method == "pca" else [])
+
 
 @dataclass(frozen=True)
 class Projection:

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 import onnx
 
 from elf_export.calibration import CalibrationSet
-from elf_export.checks import projection as verify_projection
-from elf_export.checks.projection import MapCheck, Maps
+from elf_export.checks import Check, require
+from elf_export.checks.projection import Maps, check_projection
 from elf_export.errors import LayerError
 from elf_export.graph.passes import project
 from elf_export.saliency import descriptor_output
@@ -21,14 +21,14 @@ from .projection import Reduction, fit_layers, specs
 def reduce_descriptors(
     model: onnx.ModelProto,
     layers: Sequence[str],
-    reduction: Reduction,
+    reduction: Reduction | None,
     images: CalibrationSet,
     spec: InputSpec,
     scale: float,
     maps: Maps,
     log: Callable[[str], None] = lambda _: None,
-) -> tuple[onnx.ModelProto, dict[str, ReductionSpec], list[MapCheck]]:
-    """`model` with its descriptor maps projected.
+) -> tuple[onnx.ModelProto, dict[str, ReductionSpec], tuple[Check, ...]]:
+    """`model` with its descriptor maps projected; as it is where no reduction is asked for.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def reduce_descriptors(
     model : onnx.ModelProto
     reductions : dict
         Layer -> what the contract says of its projection.
-    checks : list of MapCheck
+    checks : tuple of Check
 
     Raises
     ------
@@ -58,6 +58,8 @@ def reduce_descriptors(
         No descriptor layer, one of too few channels, a calibration image that can't be read any more, or a graph that
         does not agree with `maps`.
     """
+    if reduction is None:
+        return model, {}, ()
     if not layers:
         raise LayerError("there is no descriptor layer whose values could be made fewer")
     projections = fit_layers(model, layers, reduction, images, spec, scale)
@@ -66,16 +68,6 @@ def reduce_descriptors(
         {descriptor_output(name): (p.matrix, -p.mean @ p.matrix) for name, p in projections.items()},
         reduction.separate,
     )
-    checks = verify_projection.verify_projection(model, maps, projections, spec)
-    log(verify_projection.table(checks))
-    return model, specs(projections, reduction, images), checks
-
-
-def arguments(reduction: Reduction | None) -> list[str]:
-    """The options of `elf-export` that say so."""
-    if reduction is None:
-        return []
-    words = ["--desc-dim", str(reduction.dim)]
-    words += ["--desc-reduce", reduction.method] if reduction.method != "pca" else []
-    words += ["--keep-weights"] if reduction.separate else []
-    return words + (["--whiten", str(reduction.exponent)] if reduction.method == "pca" else [])
+    check = check_projection(model, maps, projections, spec)
+    require(check, log)
+    return model, specs(projections, reduction, images), (check,)

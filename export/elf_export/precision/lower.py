@@ -8,26 +8,15 @@ from dataclasses import replace
 import onnx
 
 from elf_export.calibration import CalibrationSet
-from elf_export.command.options import PRECISIONS
-from elf_export.errors import ExportError
+from elf_export.checks import Check, require
+from elf_export.checks.lower_precision import measure
+from elf_export.file import stamped
 from elf_export.graph.passes import opset_of
-from elf_export.output import stamped
+from elf_export.request import check_precision
 from elf_runtime import ModelContract
 
 from .half import bfloat16_weights, half_precision
 from .int8 import quantize
-
-LEAST_OPSET = 13  # of bfloat16, and of one scale for each channel
-
-
-def check_precision(precision: str, opset: int) -> None:
-    """Raise ExportError on an unknown precision, or an opset too old for it."""
-    if precision not in PRECISIONS:
-        raise ExportError(f"precision is one of {', '.join(PRECISIONS)}, not {precision!r}")
-    if precision != "fp32" and opset < LEAST_OPSET:
-        raise ExportError(
-            f"the model is of opset {opset}, {precision} needs opset {LEAST_OPSET} or later; choose one with --opset"
-        )
 
 
 def lower(
@@ -36,8 +25,8 @@ def lower(
     precision: str,
     images: CalibrationSet,
     log: Callable[[str], None] = lambda _: None,
-) -> tuple[onnx.ModelProto, ModelContract]:
-    """The model and its contract in `precision`, held against themselves in float32.
+) -> tuple[onnx.ModelProto, ModelContract, tuple[Check, ...]]:
+    """The model and its contract in `precision`, and the check that held it against itself in float32.
 
     Parameters
     ----------
@@ -52,18 +41,16 @@ def lower(
     Raises
     ------
     ExportError
-        An opset below 13, or a network that does not survive the precision; see `agreement.measure`.
+        An opset below 13, or a network that does not survive the precision; see `checks.lower_precision`.
     """
     if precision == "fp32":
-        return model, contract
-    from elf_export.checks import agreement  # its scores need the evaluation package
-
+        return model, contract, ()
     check_precision(precision, opset_of(model))
     if precision == "int8":
         lowered = quantize(model, images, contract.input, contract.detection.scale)
     else:
         lowered = (half_precision if precision == "fp16" else bfloat16_weights)(model)
     its_contract = replace(contract, precision=precision)
-    found = agreement.measure(stamped(lowered, its_contract), stamped(model, contract), images)
-    log(agreement.table(precision, found))
-    return lowered, replace(its_contract, parity={**contract.parity, **found.figures()})
+    check = measure(stamped(lowered, its_contract), stamped(model, contract), images)
+    require(check, log)
+    return lowered, replace(its_contract, parity={**contract.parity, **check.figures()}), (check,)

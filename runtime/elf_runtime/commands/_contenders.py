@@ -90,14 +90,14 @@ def float_model(model: str | None, torch_model: str | None) -> str:
 
 
 def torch_peer(model: str, threads: int) -> tuple[Callable[[Image], Any] | None, str]:
-    """The saliency function that `elf_export.checks.torch_reference` rebuilds from the model, or why there is none.
+    """The saliency function that `elf_export.sources.torch_saliency` rebuilds from the model, or why there is none.
 
     The exporter is asked for by name and only here: the runtime neither needs nor imports it, or torch.
     """
     if is_ort_format(model):
         return None, f"{model} is in ORT format; give the .onnx file that it was made from as --torch-model"
     try:
-        reference = importlib.import_module("elf_export.checks.torch_reference")
+        reference = importlib.import_module("elf_export.sources.torch_saliency")
         torch = importlib.import_module("torch")
     except ImportError as error:
         return None, f"not installed ({error.name})"

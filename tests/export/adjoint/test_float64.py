@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from onnx.reference import ReferenceEvaluator
 
-from elf_export.checks.differences import computes_in_double
+from elf_export.checks.arithmetic import computes_in_double
 from elf_export.checks.float64 import STAND_INS, in_double
 
 from .oracles import Case, _as, with_adjoint

@@ -11,7 +11,9 @@ from onnx import helper
 
 from elf_export import Preprocessing, VerificationError, export_onnx
 from elf_export.checks import directional as d
-from elf_export.checks.differences import CONSTANT, HARDLY, Agreement, require, require_dependence, require_finite
+from elf_export.checks import require
+from elf_export.checks.arithmetic import FLOAT32, FLOAT64, SIGNS
+from elf_export.checks.differences import CONSTANT, HARDLY, DifferencesCheck, require_dependence, require_finite
 from export import small_models as small
 
 SHAPE = (1, 3, 8, 8)
@@ -33,15 +35,15 @@ def gradient() -> np.ndarray:
 
 
 def errors(g: np.ndarray, seed: int) -> np.ndarray:
-    return np.array([found.error for found in d.along(gated, X, gated(X), g, "8x8", d.FLOAT64, seed)])
+    return np.array([found.error for found in d.along(gated, X, gated(X), g, "8x8", FLOAT64, seed)])
 
 
 def test_a_direction_that_crosses_a_kink_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     found = np.array([errors(gradient(), seed) for seed in range(5)])
-    assert found.max() <= d.FLOAT64.largest
-    assert np.median(found) <= d.FLOAT64.typical
+    assert found.max() <= FLOAT64.largest
+    assert np.median(found) <= FLOAT64.typical
     monkeypatch.setattr(d, "TRIES", 1)
-    assert max(errors(gradient(), seed).max() for seed in range(5)) > d.FLOAT64.largest
+    assert max(errors(gradient(), seed).max() for seed in range(5)) > FLOAT64.largest
 
 
 def test_small_kinks_in_most_directions_do_not_hide_a_right_gradient(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,13 +57,13 @@ def test_small_kinks_in_most_directions_do_not_hide_a_right_gradient(monkeypatch
 
     def medians() -> list[float]:
         return [
-            float(np.median([found.error for found in d.along(forward, X, forward(X), g, "8x8", d.FLOAT64, seed)]))
+            float(np.median([found.error for found in d.along(forward, X, forward(X), g, "8x8", FLOAT64, seed)]))
             for seed in range(8)
         ]
 
-    assert max(medians()) <= d.FLOAT64.typical
+    assert max(medians()) <= FLOAT64.typical
     monkeypatch.setattr(d, "TRIES", 1)
-    assert max(medians()) > d.FLOAT64.typical
+    assert max(medians()) > FLOAT64.typical
 
 
 def test_curvature_is_no_kink() -> None:
@@ -72,22 +74,22 @@ def test_curvature_is_no_kink() -> None:
         runs.append(x)
         return 300 * x + 40 * x**2
 
-    found = d.along(forward, X, forward(X), forward(X) * (300 + 80 * X), "8x8", d.FLOAT64, 0)
-    assert len(runs) == 2 + 2 * len(d.FLOAT64.steps) * len(found)
+    found = d.along(forward, X, forward(X), forward(X) * (300 + 80 * X), "8x8", FLOAT64, 0)
+    assert len(runs) == 2 + 2 * len(FLOAT64.steps) * len(found)
 
 
 @pytest.mark.parametrize("factor", [0.99, 1.01, 0.01, 100, -1])
 def test_a_wrong_factor_is_seen_beside_a_kink(factor: float) -> None:
     """Of the gradient's length only the scale of errors is taken; directions are chosen without it."""
     for seed in range(5):
-        assert errors(factor * gradient(), seed).max() > d.FLOAT64.largest
-        assert np.median(errors(factor * gradient(), seed)) > d.FLOAT64.typical
+        assert errors(factor * gradient(), seed).max() > FLOAT64.largest
+        assert np.median(errors(factor * gradient(), seed)) > FLOAT64.typical
 
 
 def test_a_gradient_that_takes_the_gate_for_closed_is_seen() -> None:
     closed = (WEIGHTS.T @ gated(X)).reshape(SHAPE)
     for seed in range(5):
-        assert errors(closed, seed).max() > d.FLOAT64.largest
+        assert errors(closed, seed).max() > FLOAT64.largest
 
 
 def normalised() -> onnx.ModelProto:
@@ -117,16 +119,16 @@ def test_a_layer_whose_constant_outweighs_the_image_is_taken_with_a_word(tmp_pat
     onnx.save(outweighed(), tmp_path / "model.onnx")
     said: list[str] = []
     found = export_onnx(tmp_path / "model.onnx", "y", [], tmp_path / "elf.onnx", log=said.append)
-    assert found.contract.parity["derivative_median_error"] < d.FLOAT64.typical
+    assert found.contract.parity["derivative_median_error"] < FLOAT64.typical
     assert "||F||^2 hardly depends on the image" in "\n".join(said)
 
 
 def test_a_disagreement_says_that_the_norm_hardly_depends_on_the_image() -> None:
-    directions = (d.Direction(d.SIGNS, "64x48", 1.0, 2.0, 0.5),)
+    directions = (d.Direction(SIGNS, "64x48", 1.0, 2.0, 0.5),)
     with pytest.raises(VerificationError, match=r"changes it by 2e-05 of itself.*or a constant outweighs it"):
-        require(Agreement(d.FLOAT32, directions, 0.0, dependence=2e-5))
+        require(DifferencesCheck(FLOAT32, directions, 0.0, dependence=2e-5))
     with pytest.raises(VerificationError, match="disagrees") as refused:
-        require(Agreement(d.FLOAT32, directions, 0.0, dependence=2 * HARDLY))
+        require(DifferencesCheck(FLOAT32, directions, 0.0, dependence=2 * HARDLY))
     assert "hardly depends" not in str(refused.value)
 
 
@@ -167,6 +169,6 @@ def test_differences_that_are_not_finite_do_not_agree() -> None:
     def forward(x: np.ndarray) -> np.ndarray:
         return np.where(np.array_equal(x, X), x, np.nan)
 
-    for found in d.along(forward, X, X, X, "8x8", d.FLOAT64, 0):
+    for found in d.along(forward, X, X, X, "8x8", FLOAT64, 0):
         assert np.isnan(found.measured)
         assert found.error == np.inf

@@ -13,7 +13,8 @@ from onnx.reference import ReferenceEvaluator
 
 from elf_export.checks.autograd import compare, keypoint_agreement
 from elf_export.checks.float64 import in_double
-from elf_export.checks.reference import preprocess, torch_saliency
+from elf_export.checks.pictures import preprocess
+from elf_export.checks.torch_reference import torch_saliency
 from elf_export.sources.networks import get_network
 from elf_runtime import preset
 from elf_runtime.model.session import open_session

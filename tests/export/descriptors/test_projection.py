@@ -147,7 +147,7 @@ def test_channels_may_be_asked_not_to_be_whitened() -> None:
     [Reduction(8, whiten=1 / 3), Reduction(8, whiten=0.0, separate=True), Reduction(8), Reduction(8, "channels")],
 )
 def test_the_options_say_the_same_reduction_to_the_last_digit(reduction: Reduction) -> None:
-    found = reduction_of(parser().parse_args(["--net", "vgg", *reduce_module.arguments(reduction)]))
+    found = reduction_of(parser().parse_args(["--net", "vgg", *reduction.words()]))
     assert found is not None
     assert (found.dim, found.method, found.separate) == (reduction.dim, reduction.method, reduction.separate)
     assert found.exponent == reduction.exponent

@@ -14,10 +14,10 @@ from onnx import TensorProto, helper, numpy_helper
 
 from elf_export import ExportError, export_network, export_onnx
 from elf_export.calibration import calibration_set
-from elf_export.checks import agreement
+from elf_export.checks import lower_precision
 from elf_export.command.main import main
 from elf_export.command.options import parser, setting
-from elf_export.detection import arguments, chosen
+from elf_export.detection import changed, chosen, setting_words
 from elf_export.graph.graph import Graph
 from elf_export.graph.passes import opset_of
 from elf_export.precision.half import MANY, bfloat16_weights, half_precision
@@ -57,9 +57,9 @@ def weights_of(name: str, folder: Path) -> Path:
 def test_the_share_is_of_the_points_that_are_looked_for() -> None:
     points = np.array([[0.0, 0.0], [50.0, 50.0], [9.0, 9.0], [20.0, 21.0]], np.float32)
     others = np.array([[0.6, 0.8], [20.0, 20.0]], np.float32)
-    assert agreement._near(points, others) == 0.5
-    assert agreement._near(others, points) == 1.0
-    assert (agreement._near(points[:0], others), agreement._near(points, others[:0])) == (1.0, 0.0)
+    assert lower_precision._near(points, others) == 0.5
+    assert lower_precision._near(others, points) == 1.0
+    assert (lower_precision._near(points[:0], others), lower_precision._near(points, others[:0])) == (1.0, 0.0)
 
 
 # -- named networks ------------------------------------------------------------------------------------------------
@@ -243,24 +243,24 @@ def test_bfloat16_weights_are_rounded_to_nearest_even(vgg) -> None:
 
 
 def test_the_report() -> None:
-    found = agreement.Agreement(0.97, 0.88, 490.0, 500.0, 71.0, 71.5, 47.9, 48.0, 0.35)
-    lines = agreement.table("int8", found).splitlines()
+    found = lower_precision.PrecisionCheck("int8", 0.97, 0.88, 490.0, 500.0, 71.0, 71.5, 47.9, 48.0, 0.35)
+    lines = found.table().splitlines()
     assert lines[1].split() == ["fp32", "1", "100%", "500", "71.5", "48.0", "1"]
     assert lines[2].split() == ["int8", "0.9700", "88.0%", "490", "71.0", "47.9", "0.35"]
     assert len(lines) == 3
     assert found.figures()["lower_correlation"] == 0.97
     assert "lower_time" not in found.figures()  # another machine would write another file
 
-    slow = agreement.Agreement(0.97, 0.88, 490.0, 500.0, 71.0, 71.5, None, None, 1.2)
-    assert agreement.table("int8", slow).splitlines()[-1].startswith("int8 is no faster here")
-    assert "no faster" not in agreement.table("bf16", slow)
-    assert agreement.table("bf16", slow).splitlines()[2].split()[-2:] == ["-", "1.20"]
+    slow = lower_precision.PrecisionCheck("int8", 0.97, 0.88, 490.0, 500.0, 71.0, 71.5, None, None, 1.2)
+    assert slow.table().splitlines()[-1].startswith("int8 is no faster here")
+    assert "no faster" not in replace(slow, precision="bf16").table()
+    assert replace(slow, precision="bf16").table().splitlines()[2].split()[-2:] == ["-", "1.20"]
 
 
 def test_a_model_agrees_with_itself(tmp_path: Path, pictures: Path) -> None:
     onnx.save(small.nchw(("n", 3, "h", "w")), tmp_path / "model.onnx")
     path = export_onnx(tmp_path / "model.onnx", "relu2", ["relu2"], tmp_path / "elf.onnx").path
-    found = agreement.measure(path.read_bytes(), path.read_bytes(), calibration_set(pictures))
+    found = lower_precision.measure(path.read_bytes(), path.read_bytes(), calibration_set(pictures))
     assert found.correlation == pytest.approx(1)
     assert (found.agreeing, found.keypoints, found.rep, found.ms) == (
         1.0, found.keypoints_fp32, found.rep_fp32, found.ms_fp32
@@ -279,8 +279,8 @@ def test_panoramas_and_images_below_the_smallest_size_are_compared(tmp_path: Pat
     cv2.imwrite(str(tmp_path / "panorama.png"), textured(40, 5000))
     cv2.imwrite(str(tmp_path / "small.png"), textured(31, 40))
     images, spec = calibration_set(tmp_path), InputSpec(min_size=32)
-    assert [image.shape[:2] for image in agreement._sources(images, spec, 1.0)] == [(32, 640), (32, 41)]
-    assert agreement.measure(small_elf, small_elf, images).correlation == pytest.approx(1)
+    assert [image.shape[:2] for image in lower_precision._sources(images, spec, 1.0)] == [(32, 640), (32, 41)]
+    assert lower_precision.measure(small_elf, small_elf, images).correlation == pytest.approx(1)
 
 
 def test_bit_depths_are_compared_as_the_runtime_reads_them(tmp_path: Path, small_elf: bytes) -> None:
@@ -293,7 +293,7 @@ def test_bit_depths_are_compared_as_the_runtime_reads_them(tmp_path: Path, small
         folder = tmp_path / name
         folder.mkdir()
         cv2.imwrite(str(folder / name), pixels)
-        figures.append(agreement.measure(small_elf, small_elf, calibration_set(folder)))
+        figures.append(lower_precision.measure(small_elf, small_elf, calibration_set(folder)))
     eight, *others = figures
     assert eight.keypoints > 50
     for found in others:
@@ -305,12 +305,12 @@ def test_an_enlarged_float_image_stays_within_its_range(tmp_path: Path, small_el
     pixels = np.zeros((16, 20), np.float32)
     pixels[4:9, 5:12] = 1
     cv2.imwrite(str(tmp_path / "f.tif"), pixels)
-    assert agreement.measure(small_elf, small_elf, calibration_set(tmp_path)).correlation == pytest.approx(1)
+    assert lower_precision.measure(small_elf, small_elf, calibration_set(tmp_path)).correlation == pytest.approx(1)
 
 
 def test_a_flat_image_does_not_count(tmp_path: Path, small_elf: bytes) -> None:
-    def measured() -> agreement.Agreement:
-        return replace(agreement.measure(small_elf, small_elf, calibration_set(tmp_path)), time=0)
+    def measured() -> lower_precision.PrecisionCheck:
+        return replace(lower_precision.measure(small_elf, small_elf, calibration_set(tmp_path)), time=0)
 
     cv2.imwrite(str(tmp_path / "a.png"), textured(120, 160))
     alone = measured()
@@ -324,7 +324,7 @@ def test_what_has_no_saliency_compares_nothing(tmp_path: Path, small_elf: bytes)
     image[:, 1000:2000] = 7
     cv2.imwrite(str(tmp_path / "a.png"), image)
     with pytest.raises(ExportError, match=f"1 images of {tmp_path.name}: float32 finds no saliency in any"):
-        agreement.measure(small_elf, small_elf, calibration_set(tmp_path))
+        lower_precision.measure(small_elf, small_elf, calibration_set(tmp_path))
 
 
 def test_a_lost_saliency_is_refused(tmp_path: Path, pictures: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -340,7 +340,7 @@ def test_a_lost_saliency_is_refused(tmp_path: Path, pictures: Path, monkeypatch:
         return lowered
 
     monkeypatch.setattr(precision, "bfloat16_weights", drowned)
-    monkeypatch.setattr(agreement, "LEAST_CORRELATION", 0.98)
+    monkeypatch.setattr(lower_precision, "LEAST_CORRELATION", 0.98)
     with pytest.raises(ExportError, match=r"bf16 loses the saliency of this network.*No file was written"):
         export_network("vgg", "pool2", [], tmp_path / "a.onnx", offline=True, precision="bf16", calibration=pictures)
     assert not list(tmp_path.iterdir())
@@ -363,9 +363,9 @@ def test_a_precision_that_there_is_none_of_is_refused(tmp_path: Path) -> None:
 def test_what_can_be_refused_is_refused_before_the_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("elf_export.export.load_weights", lambda *_: pytest.fail("weights were loaded before"))
+    monkeypatch.setattr("elf_export.sources.named.load_weights", lambda *_: pytest.fail("weights were loaded before"))
     monkeypatch.setattr(
-        "elf_export.sources.foreign.export.prepare", lambda *_: pytest.fail("the model was prepared before")
+        "elf_export.sources.foreign.detector.prepare", lambda *_: pytest.fail("the model was prepared before")
     )
     for opset in (11, 17):
         onnx.save(small.nchw(opset=opset), tmp_path / f"{opset}.onnx")
@@ -453,7 +453,7 @@ def test_settings_become_the_options_that_say_them() -> None:
     own = get_network("vgg").detection
     for changes in ({}, {"scale": 0.33}, {"denoise": (7, 1.8), "subpixel": True}, {"threshold": 0.25, "border": 0}):
         wanted = own.updated(**changes)
-        words = arguments(own, wanted)
+        words = setting_words(changed(own, wanted))
         assert len(words) == 2 * len(changes)
         args = parser().parse_args(["--net", "vgg", *words])
         assert own.updated(**dict(args.set)) == wanted
@@ -462,10 +462,15 @@ def test_settings_become_the_options_that_say_them() -> None:
 
 def test_options_say_what_differs_from_the_network_s_own_settings_to_the_last_digit() -> None:
     own = DetectionParams(denoise=(9, 3.0), border=4)
-    assert arguments(own, own) == []
-    assert arguments(own, own.updated(border=10, subpixel=True)) == ["--set", "border=10", "--set", "subpixel=true"]
+    assert setting_words(changed(own, own)) == []
+    assert setting_words(changed(own, own.updated(border=10, subpixel=True))) == [
+        "--set",
+        "border=10",
+        "--set",
+        "subpixel=true",
+    ]
     wanted = own.updated(scale=1 / 3, denoise=(7, 1.8000001), threshold=0.1 + 0.2)
-    args = parser().parse_args(["--net", "vgg", *arguments(own, wanted)])
+    args = parser().parse_args(["--net", "vgg", *setting_words(changed(own, wanted))])
     assert own.updated(**dict(args.set)) == wanted
 
 

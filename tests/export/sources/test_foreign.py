@@ -15,18 +15,20 @@ from elf_export import (
     ExportError,
     LayerError,
     Preprocessing,
+    Reduction,
     UnsupportedGraphError,
     VerificationError,
     build_gradient,
     build_saliency,
+    export_network,
     export_onnx,
     load_model,
 )
 from elf_export.command.main import main
 from elf_export.graph.passes import rename_values
-from elf_export.sources.foreign.export import prepare
 from elf_export.sources.foreign.image_input import find_image_input
 from elf_export.sources.foreign.layers import resolve_layer
+from elf_export.sources.foreign.prepare import prepare
 from elf_runtime import ElfRuntime
 from export import small_models as small
 from helpers import ROOT, textured
@@ -283,9 +285,7 @@ def test_what_is_no_model(tmp_path: Path) -> None:
 
 
 def test_a_fixed_size_has_no_working_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        "elf_export.sources.foreign.export.build_saliency", lambda *_, **__: pytest.fail("work was done")
-    )
+    monkeypatch.setattr("elf_export.pipeline.build_saliency", lambda *_, **__: pytest.fail("work was done"))
     message = r"takes images of 48x40 \(width x height\) only, .*: --set scale=0.5 can't be chosen, leave it out"
     with pytest.raises(ExportError, match=message):
         export_onnx(saved(small.classifier(), tmp_path), "logits", [], tmp_path / "elf.onnx", detection={"scale": 0.5})
@@ -391,3 +391,46 @@ def test_the_image_may_be_an_output_too(tmp_path: Path, capsys: pytest.CaptureFi
     assert main(["--onnx", str(saved(model, tmp_path)), "--list"]) == 0
     assert "relu2" in capsys.readouterr().out
     assert export_onnx(tmp_path / "model.onnx", "relu2", [], tmp_path / "elf.onnx").contract.stride == 2
+
+
+@pytest.mark.usefixtures("small_probes")
+def test_a_named_network_describes_what_anybody_s_model_finds(tmp_path: Path) -> None:
+    """Its maps are those of the network alone, beside the model's own, and the command makes the file again."""
+    path = saved(small.nchw(("N", 3, "H", "W")), tmp_path)
+    assert main(["--onnx", str(path), "--layer", "pool1", "--desc", "vgg:pool1,relu2", "--offline", "--desc-dim", "4",
+                 "-o", str(tmp_path / "elf.onnx")]) == 0  # fmt: skip
+    contract = ElfRuntime(tmp_path / "elf.onnx").contract
+    assert [(d.layer, d.dim, d.stride) for d in contract.descriptors] == [("vgg:pool1", 4, 2.0), ("relu2", 4, 2.0)]
+    assert contract.input.color == "bgr"  # VGG's; the model's own RGB is made of it inside
+    assert contract.weights.source.startswith("model.onnx; ")
+    assert contract.command == (
+        "elf-export --onnx model.onnx --layer pool1 --desc vgg:pool1,relu2 --desc-dim 4 --whiten 0.75 --color rgb "
+        "--standardize"
+    )
+    result = export_onnx(path, "pool1", ["vgg:pool1", "relu2"], tmp_path / "b.onnx", offline=True)
+    assert len(result.checks) == 1
+    assert result.checks[0].passed
+    both, image = ElfRuntime(result.path), textured(60, 80)
+    alone = ElfRuntime(export_network("vgg", "pool1", ["pool1"], tmp_path / "vgg.onnx", offline=True).path)
+    points = np.array([[20.0, 30.0], [41.5, 12.25]], np.float32)
+    np.testing.assert_allclose(both.describe(image, points), alone.describe(image, points), atol=1e-5)
+    plain = ElfRuntime(export_onnx(path, "pool1", ["relu2"], tmp_path / "c.onnx").path)
+    np.testing.assert_allclose(both.saliency(image), plain.saliency(image), rtol=1e-4, atol=1e-6)
+    with pytest.raises(LayerError, match=r"vgg has no layer 'pool9'"):
+        export_onnx(path, "pool1", ["vgg:pool9"], tmp_path / "d.onnx")
+    with pytest.raises(ExportError, match="no other network describes"):
+        export_onnx(path, "pool1", ["relu2"], tmp_path / "d.onnx", desc_weights="a.pth")
+
+
+@pytest.mark.usefixtures("one_direction")
+def test_the_checks_are_in_the_result(tmp_path: Path) -> None:
+    path = saved(small.nchw(("N", 3, "H", "W")), tmp_path)
+    result = export_onnx(path, "pool1", ["relu2"], tmp_path / "elf.onnx", reduction=Reduction(3), precision="bf16")
+    assert [type(check).__name__ for check in result.checks] == [
+        "DifferencesCheck",  # the saliency's
+        "ProjectionCheck",
+        "PrecisionCheck",
+    ]
+    for check in result.checks:
+        assert check.passed
+        assert check.figures().items() <= result.contract.parity.items()

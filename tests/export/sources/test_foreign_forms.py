@@ -15,11 +15,11 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from elf_export import ExportError, LayerError, build_gradient, export_onnx, load_model
-from elf_export.checks import differences
+from elf_export.checks.arithmetic import computes_in_double
 from elf_export.command.main import main
 from elf_export.graph.graph import Graph, captured
 from elf_export.graph.passes import opset_of, standard_ops, without_rounding
-from elf_export.sources.foreign.source import prepare
+from elf_export.sources.foreign.prepare import prepare
 from elf_runtime import ElfRuntime
 from export import small_models as small
 from helpers import textured
@@ -72,9 +72,9 @@ def test_an_op_that_the_evaluator_rounds_does_not_make_a_right_gradient_wrong(
 
 def test_what_computes_in_double_and_what_does_not() -> None:
     x = np.random.default_rng(0).standard_normal((2, 3, 8, 8))
-    assert differences.computes_in_double(lambda v: np.maximum(v, 0) ** 2, x)
-    assert differences.computes_in_double(np.round, x)
-    assert not differences.computes_in_double(lambda v: np.float32(v).astype(np.float64) ** 2, x)
+    assert computes_in_double(lambda v: np.maximum(v, 0) ** 2, x)
+    assert computes_in_double(np.round, x)
+    assert not computes_in_double(lambda v: np.float32(v).astype(np.float64) ** 2, x)
 
 
 # -- order and bodies ------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import pytest
 from onnx import helper
 
 from elf_export import ExportError, Preprocessing, export_onnx
-from elf_export.sources.foreign import source
+from elf_export.sources.foreign import prepare
 from export import small_models as small
 
 pytestmark = pytest.mark.usefixtures("one_direction")
@@ -99,7 +99,7 @@ def test_a_conversion_that_changes_the_network_is_refused(tmp_path: Path, monkey
         return result
 
     onnx.save(small.nchw(("N", 3, "H", "W"), 9), tmp_path / "old.onnx")
-    monkeypatch.setattr(source, "convert_opset", wrong)
+    monkeypatch.setattr(prepare, "convert_opset", wrong)
     with pytest.raises(ExportError, match="converted from opset 9 to 13, but it does not give what it gave in opset 9"):
         export_onnx(tmp_path / "old.onnx", "relu2", [], tmp_path / "elf.onnx")
     assert not (tmp_path / "elf.onnx").exists()

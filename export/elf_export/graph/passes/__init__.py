@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .compose_convs import compose_convs
-from .convert_opset import OPSETS, convert_opset, opset_of, target_opset
+from .convert_opset import OPSETS, convert_opset, opset_of, require_opset, target_opset
 from .cut import cut
 from .expand_response import expand_response
 from .fold_batchnorm import fold_batchnorm
@@ -28,6 +28,7 @@ __all__ = [
     "opset_of",
     "project",
     "rename_values",
+    "require_opset",
     "share",
     "share_row_maxima",
     "single_precision",

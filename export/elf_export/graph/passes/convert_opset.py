@@ -104,3 +104,9 @@ def opset_of(model: onnx.ModelProto) -> int:
         if entry.domain in ("", "ai.onnx"):
             return int(entry.version)
     raise ExportError("the model names no opset of standard ONNX")
+
+
+def require_opset(opset: int | None) -> None:
+    """Raise ExportError on an opset that the rules are not written for."""
+    if opset is not None and opset not in OPSETS:
+        raise ExportError(f"opset {opset} is not supported; choose {OPSETS[0]} to {OPSETS[-1]}")

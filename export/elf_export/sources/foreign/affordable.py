@@ -10,8 +10,7 @@ from onnx import helper
 
 from elf_export.errors import ExportError
 from elf_export.graph.graph import Graph
-
-from .image_input import ImageInput
+from elf_export.graph.image_input import ImageInput
 
 MOST = 2 << 30  # bytes that one node may read and write
 

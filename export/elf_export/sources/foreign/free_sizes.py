@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -12,10 +12,11 @@ import onnx
 import onnxruntime as ort
 
 from elf_export.errors import ExportError
+from elf_export.graph.image_input import ImageInput
+from elf_export.graph.sizes import Sizes, with_sizes
 from elf_runtime.errors import first_line
 
 from .affordable import require_affordable
-from .image_input import ImageInput
 
 # Of free heights and widths, tried from the left; where the last of a row does not suit, none of it does.  The rows are
 # strides of powers of two, and the same under windows of 7, 12 and 10 cells or patches of 14 pixels.
@@ -25,56 +26,13 @@ MULTIPLES = (
     (3, 6, 12, 24, 48, 96, 192),
     (5, 10, 20, 40, 80, 160),
 )
-LEAST = (32, 48, 64, 96, 128, 224)
+LEAST = (32, 48, 64, 96, 128, 160, 224)
 PROBE = (96, 128)  # about so many pixels of height and width
-USUAL = 512  # pixels
 LONG = 2048  # pixels
 RUN = (8, 64)  # fewest and most sizes in a row that are tried
 SAME = 1e-3  # of the largest value: what two kernels of one network may differ by in float32
 
 Map = npt.NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class Sizes:
-    """The sizes that the network takes; 0 where any does.
-
-    Attributes
-    ----------
-    height, width, batch : int
-        What is fixed, 0 where free.
-    multiple : int
-        Free heights and widths are multiples of it.
-    min_size : int
-        Smallest free height and width.
-    """
-
-    height: int = 0
-    width: int = 0
-    batch: int = 0
-    multiple: int = 1
-    min_size: int = LEAST[0]
-
-    def near(self, height: int, width: int) -> tuple[int, int]:
-        """The size that the network takes next to a wanted one; an odd multiple stays odd."""
-        h, w = (max(round(v / self.multiple), 1) * self.multiple for v in (height, width))
-        return self.height or max(h, self.min_size), self.width or max(w, self.min_size)
-
-    @property
-    def usual(self) -> int:
-        """A free height and width of the order of photographs."""
-        return replace(self, height=0, width=0).near(USUAL, USUAL)[0]
-
-    def describe(self) -> str:
-        """In words, for the log."""
-        if self.height and self.width:
-            size = f"{self.width}x{self.height} only"
-        elif self.height or self.width:
-            size = f"{'height' if self.height else 'width'} {self.height or self.width} only, the other is free"
-        else:
-            size = "any" if self.multiple == 1 else f"multiples of {self.multiple}"
-            size += f" from {self.min_size}x{self.min_size}"
-        return size + (f"; {self.batch} image(s) at a time" if self.batch else "")
 
 
 def free_sizes(model: onnx.ModelProto, image: ImageInput, stride: float = 1.0) -> tuple[onnx.ModelProto, Sizes]:
@@ -135,26 +93,6 @@ def free_sizes(model: onnx.ModelProto, image: ImageInput, stride: float = 1.0) -
             return freed, found
         reason = found
     raise ExportError(f"onnxruntime {ort.__version__} runs the model at no size that was tried: {reason}")
-
-
-def with_sizes(model: onnx.ModelProto, image: ImageInput, sizes: Sizes) -> onnx.ModelProto:
-    """A copy of `model` whose image has the fixed sizes of `sizes`, and symbols N, H, W elsewhere."""
-    result = onnx.ModelProto()
-    result.CopyFrom(model)
-    fixed = {"N": sizes.batch, "H": sizes.height, "W": sizes.width, "C": image.channels}
-    for value in result.graph.input:
-        if value.name == image.name:
-            del value.type.tensor_type.shape.dim[:]
-            for axis in image.layout:
-                dim = value.type.tensor_type.shape.dim.add()
-                if fixed[axis]:
-                    dim.dim_value = fixed[axis]
-                else:
-                    dim.dim_param = axis
-    del result.graph.value_info[:]
-    for value in result.graph.output:
-        value.type.tensor_type.ClearField("shape")
-    return result
 
 
 class Runner:

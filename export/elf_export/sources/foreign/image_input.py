@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import onnx
 from onnx import TensorProto
 
 from elf_export.errors import ExportError
 from elf_export.graph.graph import Graph
+from elf_export.graph.image_input import ImageInput
 from elf_export.graph.layout import COLOR_CHANNELS, layout_of, static_size
 
 PIXEL_TYPES = (
@@ -18,25 +17,6 @@ PIXEL_TYPES = (
     TensorProto.DOUBLE,
     TensorProto.UINT8,
 )
-
-
-@dataclass(frozen=True)
-class ImageInput:
-    """The image input of a network.
-
-    Attributes
-    ----------
-    name : str
-    layout : "NCHW" or "NHWC"
-    channels : 1 or 3
-    size : (N, H, W)
-        As the file states them: an int where fixed, None where free.
-    """
-
-    name: str
-    layout: str
-    channels: int
-    size: tuple[int | None, int | None, int | None]
 
 
 def find_image_input(model: onnx.ModelProto, name: str | None = None) -> ImageInput:

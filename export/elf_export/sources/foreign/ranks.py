@@ -9,9 +9,8 @@ from onnx import helper, numpy_helper
 from elf_export.errors import ExportError
 from elf_export.graph.cost import sizes_of
 from elf_export.graph.graph import Graph
-
-from .free_sizes import Sizes, with_sizes
-from .image_input import ImageInput
+from elf_export.graph.image_input import ImageInput
+from elf_export.graph.sizes import Sizes, with_sizes
 
 AT = ((96, 128), (128, 224))  # about so many pixels of height and width, which differ in each
 

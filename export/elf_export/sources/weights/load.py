@@ -23,6 +23,7 @@ from .sources import cache_dir, fetch, is_file_of, is_offline, keep, kept, scrat
 Log = Callable[[str], None]
 Take = Callable[[Path], dict[str, npt.NDArray[np.float32]]]
 
+NO_WEIGHTS = "none needed"
 UNVERIFIED = "unverified"  # a user's file that nothing proves to be the published weights
 
 
@@ -71,7 +72,7 @@ def load_weights(
     if not shapes:
         if file is not None:
             raise WeightsError(f"{option} {file}: {network.name} has no weights")
-        return Weights({}, "none needed", "")
+        return Weights({}, NO_WEIGHTS, "")
     if file is not None:
         return _from_file(network, layers, Path(file), log)
     tried: list[str] = []
@@ -127,17 +128,14 @@ def _at_hand(network: Network, layers: Sequence[str], cached: Path) -> list[tupl
     return [("cache", file, partial(_everything, network)) for file in files]
 
 
-def arguments(
-    option: str, network: Network, layers: Sequence[str], file: str | os.PathLike[str] | None, loaded: Weights
-) -> list[str]:
-    """The option of `elf-export` that names `file`; none where the bundled model holds the very tensors `loaded`."""
-    if file is None or not loaded.tensors:
-        return []
+def needs_naming(network: Network, layers: Sequence[str], loaded: Weights) -> bool:
+    """Whether the weights would not be found again without a file: the bundled model does not hold the very tensors."""
+    if not loaded.tensors:
+        return False
     try:
-        bundled = fingerprint(_subset(network, layers, bundled_model()))
+        return fingerprint(_subset(network, layers, bundled_model())) != loaded.sha256
     except WeightsError:  # the bundled model is another network's, or ends before these layers
-        bundled = ""
-    return [] if bundled == loaded.sha256 else [option, Path(file).name]
+        return True
 
 
 def _from_file(network: Network, layers: Sequence[str], path: Path, log: Log) -> Weights:

@@ -5,30 +5,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import onnx
 
 from elf_export.adjoint import opset_wanted
 from elf_export.adjoint.engine import QUANTISED
 from elf_export.errors import ExportError, LayerError
-from elf_export.graph.axes import axes_of
-from elf_export.graph.cost import sizes_where_known
 from elf_export.graph.graph import Graph, captured
+from elf_export.graph.image_input import ImageInput
 from elf_export.graph.passes import convert_opset, cut, fold_constants, opset_of, single_precision, without_rounding
 from elf_export.graph.passes.without_rounding import QUANTIZERS
-from elf_export.graph.receptive_field import WORKING_SIZE, Field, measured, receptive_fields
+from elf_export.graph.sizes import Sizes, with_sizes
+from elf_export.sources.geometry import largest_stride
 
-from .free_sizes import Sizes, free_sizes, with_sizes
-from .image_input import ImageInput, find_image_input
+from .free_sizes import free_sizes
+from .image_input import find_image_input
 from .layers import resolve_layer
 from .ranks import with_ranks
 from .unchanged import unchanged
 
-MEASURED_AT = ((224, 256), (448, 512))  # about so many pixels of height and width
-
 
 @dataclass(frozen=True)
-class Source:
+class Prepared:
     """A foreign model, ready to be differentiated.
 
     Attributes
@@ -52,7 +49,7 @@ def prepare(
     image_input: str | None = None,
     opset: int | None = None,
     least_opset: int = 0,
-) -> Source:
+) -> Prepared:
     """Find the image and the layers, cut, convert, and free the sizes.
 
     Parameters
@@ -88,7 +85,7 @@ def prepare(
     trunk, sizes = free_sizes(trunk, image, largest_stride(trunk, image))
     trunk = with_ranks(trunk, image, sizes)
     notes = (*notes, *more, *unchanged(before, trunk, image, sizes))
-    return Source(trunk, image, sizes, names, notes)
+    return Prepared(trunk, image, sizes, names, notes)
 
 
 def in_known_opset(
@@ -150,36 +147,3 @@ def require_no_rounding(model: onnx.ModelProto, image: ImageInput) -> None:
                     f"({node.op_type}) rounds, which has no gradient, and its scale is computed, its integers are "
                     "calculated with, or they have 4 bits; export the float network that it was made from"
                 )
-
-
-def largest_stride(model: onnx.ModelProto, image: ImageInput) -> float:
-    """Of all values, in pixels."""
-    strides = [field.stride for field in receptive_fields(model, image.name).values()]
-    return max((s for s in strides if np.isfinite(s)), default=1.0)
-
-
-def layer_fields(source: Source, layers: Sequence[str]) -> dict[str, Field]:
-    """The geometry of all values, that of maps among `layers` held against the sizes that they have, as `measured`."""
-    fields = receptive_fields(source.model, source.image.name, source.sizes.near(*WORKING_SIZE))
-    small, large = (source.sizes.near(*size) for size in MEASURED_AT)
-    cells = map_sizes(source, small, layers)
-    # A walk that the smaller map agrees with is believed: the larger one would cost a run.
-    doubted = [name for name in cells if name in fields and measured(fields[name], small, cells[name]) != fields[name]]
-    more = map_sizes(source, large, doubted) if doubted and large != small else {}
-    for name in doubted:
-        larger = (large, more[name]) if name in more else None
-        fields[name] = measured(fields[name], small, cells[name], larger)
-    return fields
-
-
-def map_sizes(source: Source, size: tuple[int, int], layers: Sequence[str]) -> dict[str, tuple[int, int]]:
-    """Height and width of those of `layers` that are maps of more than one cell, for an image of a size."""
-    graph = Graph(with_sizes(source.model, source.image, Sizes(*size, 1)))
-    sizes = sizes_where_known(graph)
-    axes = axes_of(graph, source.image.name, source.image.layout, sizes)
-    found = {}
-    for name in layers:
-        cells = dict(zip(axes.get(name, ""), sizes.get(name, ()), strict=False))
-        if {"H", "W"} <= cells.keys() and cells["H"] * cells["W"] > 1:
-            found[name] = cells["H"], cells["W"]
-    return found

@@ -12,11 +12,11 @@ from elf_runtime import ElfRuntime, ModelContract
 torch = pytest.importorskip("torch")
 onnx = pytest.importorskip("onnx")
 
-from elf_export.checks.torch_reference import load  # noqa: E402
 from elf_export.errors import WeightsError  # noqa: E402
 from elf_export.saliency import build_saliency, stamp  # noqa: E402
 from elf_export.sources.forward import torch_to_onnx  # noqa: E402
 from elf_export.sources.networks import get_network  # noqa: E402
+from elf_export.sources.torch_saliency import load  # noqa: E402
 
 pytestmark = pytest.mark.torch
 

@@ -13,7 +13,7 @@ import pytest
 
 from elf_export import ExportError, VerificationError
 from elf_export.calibration import CalibrationSet, calibration_set
-from elf_export.checks import agreement
+from elf_export.checks import lower_precision, require
 from elf_runtime import DetectionParams, Features, InputSpec
 from helpers import textured
 
@@ -41,17 +41,17 @@ def test_scores_are_of_keypoints_that_both_images_show() -> None:
     first, places = features(POINTS, np.eye(4)), [[10.0, 40.0], *np.add(POINTS[:3], (30, 0))]
     for order, matched in (([3, 0, 1, 2], 100.0), ([3, 0, 2, 1], 100 / 3)):
         second = features(places, np.eye(4)[order])
-        assert agreement._scores(first, second, SHIFT) == (pytest.approx(100.0), pytest.approx(matched))
+        assert lower_precision._scores(first, second, SHIFT) == (pytest.approx(100.0), pytest.approx(matched))
 
 
 def test_keypoints_are_repeated_within_5_pixels() -> None:
     second = np.add(POINTS[:2], ((34, 3), (35.01, 0)))
-    assert agreement._scores(features(POINTS), features(second), SHIFT) == (pytest.approx(50.0), 0.0)
-    assert agreement._scores(features([]), features(second), SHIFT) == (0.0, 0.0)
+    assert lower_precision._scores(features(POINTS), features(second), SHIFT) == (pytest.approx(50.0), 0.0)
+    assert lower_precision._scores(features([]), features(second), SHIFT) == (0.0, 0.0)
 
 
 def test_a_keypoint_is_near_another_up_to_a_pixel_away() -> None:
-    assert agreement._near(features([[5, 5], [5, 5.25]]).keypoints, features([[5, 4]]).keypoints) == 0.5
+    assert lower_precision._near(features([[5, 5], [5, 5.25]]).keypoints, features([[5, 4]]).keypoints) == 0.5
 
 
 # -- images and their views ----------------------------------------------------------------------------------------
@@ -60,7 +60,7 @@ def test_a_keypoint_is_near_another_up_to_a_pixel_away() -> None:
 @pytest.mark.parametrize("index", range(4))
 def test_a_view_shows_the_image_where_the_homography_says(index: int) -> None:
     image = textured(120, 200, 1)
-    view, homography = agreement._view(image, index)
+    view, homography = lower_precision._view(image, index)
     assert (view.shape, view.dtype) == (image.shape, np.uint8)
     grid = np.stack(np.meshgrid(np.arange(30, 170, 3), np.arange(20, 100, 3)), -1).reshape(-1, 2)
     moved = np.c_[grid, np.ones(len(grid))] @ homography.T
@@ -72,7 +72,7 @@ def test_a_view_shows_the_image_where_the_homography_says(index: int) -> None:
 
 def test_views_differ_and_are_cut_off_at_white() -> None:
     white = np.full((60, 80, 3), 255, np.uint8)
-    views, homographies = zip(*(agreement._view(white, index) for index in range(6)), strict=True)
+    views, homographies = zip(*(lower_precision._view(white, index) for index in range(6)), strict=True)
     inner = np.array([view[20:40, 30:50].mean() for view in views])
     assert 0.69 * 255 < inner.min() < inner.max() <= 255
     assert len({tuple(h.ravel()) for h in homographies}) == 6
@@ -81,13 +81,13 @@ def test_views_differ_and_are_cut_off_at_white() -> None:
 
 def test_images_are_640_pixels_large_at_most_and_the_exporter_s_own_as_in_calibration(tmp_path: Path) -> None:
     images = folder_of(tmp_path, (100, 1280), (900, 300), (40, 60))
-    sizes = [image.shape for image in agreement._sources(images, InputSpec(), 0.5)]
+    sizes = [image.shape for image in lower_precision._sources(images, InputSpec(), 0.5)]
     assert sizes == [(50, 640, 3), (640, 213, 3), (40, 60, 3)]
     ready = CalibrationSet(images.name, images.files[2:], images.sha256, ready=True)
-    assert [image.shape for image in agreement._sources(ready, InputSpec(), 0.5)] == [(80, 120, 3)]
+    assert [image.shape for image in lower_precision._sources(ready, InputSpec(), 0.5)] == [(80, 120, 3)]
     (tmp_path / "0.png").write_bytes(b"no image")
     with pytest.raises(ExportError, match=r"0\.png: not an image that OpenCV can decode"):
-        list(agreement._sources(images, InputSpec(), 0.5))
+        list(lower_precision._sources(images, InputSpec(), 0.5))
 
 
 # -- the measure ---------------------------------------------------------------------------------------------------
@@ -123,8 +123,8 @@ UP, ZIGZAG, FLAT = [0, 1, 2, 3], [0, 2, 1, 3], [1, 1, 1, 1]  # UP and ZIGZAG cor
 @pytest.fixture
 def scripted(monkeypatch: pytest.MonkeyPatch) -> type[Scripted]:
     """Scores tell which traces they are of: ten times the first's keypoints, and the view's."""
-    monkeypatch.setattr(agreement, "ElfRuntime", Scripted)
-    monkeypatch.setattr(agreement, "_scores", lambda one, view, _: (10.0 * len(one), float(len(view))))
+    monkeypatch.setattr(lower_precision, "ElfRuntime", Scripted)
+    monkeypatch.setattr(lower_precision, "_scores", lambda one, view, _: (10.0 * len(one), float(len(view))))
     monkeypatch.setattr(Scripted, "described", ("relu2",))
     return Scripted
 
@@ -132,14 +132,14 @@ def scripted(monkeypatch: pytest.MonkeyPatch) -> type[Scripted]:
 def test_figures_are_means_over_the_images_and_the_time_is_a_median(tmp_path: Path, scripted: type[Scripted]) -> None:
     images = folder_of(tmp_path, (40, 60), (40, 60), (40, 60))
 
-    def play() -> agreement.Agreement:
+    def play() -> lower_precision.PrecisionCheck:
         scripted.traces = {
             b"lower": iter([trace(UP, 2), trace(UP, 7, 1.0), trace(ZIGZAG, 1), trace(UP, 7, 3.0),
                             trace(FLAT, 3), trace(UP, 10, 9.0)]),
             b"full": iter([trace(UP, 4), trace(UP, 5, 2.0), trace(UP, 4), trace(UP, 5, 2.0),
                            trace(UP, 4), trace(UP, 8, 3.0)]),
         }  # fmt: skip
-        return agreement.measure(b"lower", b"full", images)
+        return lower_precision.measure(b"lower", b"full", images)
 
     found = play()
     assert found.correlation == pytest.approx((1 + 0.8 + 0) / 3)
@@ -170,7 +170,7 @@ def test_a_saliency_that_is_lost_is_refused(
         b"lower": iter([trace(saliency, 4), trace(UP, 4)]), b"full": iter([trace(UP, 4), trace(UP, 4)])
     }  # fmt: skip
     with pytest.raises(VerificationError, match=message):
-        agreement.measure(b"lower", b"full", images)
+        require(lower_precision.measure(b"lower", b"full", images))
 
 
 def test_half_the_correlation_is_enough(tmp_path: Path, scripted: type[Scripted]) -> None:
@@ -184,9 +184,9 @@ def test_half_the_correlation_is_enough(tmp_path: Path, scripted: type[Scripted]
         }  # fmt: skip
         if refused:
             with pytest.raises(VerificationError, match=r"is 0\.480"):
-                agreement.measure(b"lower", b"full", images)
+                require(lower_precision.measure(b"lower", b"full", images))
         else:
-            assert agreement.measure(b"lower", b"full", images).correlation == pytest.approx(nearly)
+            assert lower_precision.measure(b"lower", b"full", images).correlation == pytest.approx(nearly)
 
 
 def test_the_exporter_s_photographs_are_seen_at_float32_s_working_scale(
@@ -201,12 +201,12 @@ def test_the_exporter_s_photographs_are_seen_at_float32_s_working_scale(
         return trace(UP, 4)
 
     monkeypatch.setattr(Scripted, "trace", shown)
-    agreement.measure(b"lower", b"full", ready)
+    lower_precision.measure(b"lower", b"full", ready)
     assert seen == [(80, 120, 3)] * 4
 
 
 def test_no_gain_is_said_from_97_hundredths_on() -> None:
     for time, said in ((0.96, False), (0.98, True)):
-        found = agreement.Agreement(0.97, 0.0, 490.0, 500.0, 0.0, 71.5, 47.9, 48.0, time)
-        assert ("int8 is no faster here" in agreement.table("int8", found)) is said
+        found = lower_precision.PrecisionCheck("int8", 0.97, 0.0, 490.0, 500.0, 0.0, 71.5, 47.9, 48.0, time)
+        assert ("int8 is no faster here" in found.table()) is said
         assert found.figures()["lower_agreeing"] == found.figures()["lower_rep"] == 0.0

@@ -26,11 +26,12 @@ LEAST_CORRELATION = 0.5  # below it, the low precision has lost the saliency
 
 
 @dataclass(frozen=True)
-class Agreement:
+class PrecisionCheck:
     """A model of lower precision beside its float32 self, over the calibration images that are not flat.
 
     Attributes
     ----------
+    precision : the lower one
     correlation : of the saliency maps' values, mean over the images
     agreeing : share of float32's keypoints that have one within a pixel
     keypoints, keypoints_fp32 : mean numbers
@@ -39,6 +40,7 @@ class Agreement:
     time : of the network on this machine's CPU, as a share of float32's; median over the views
     """
 
+    precision: str
     correlation: float
     agreeing: float
     keypoints: float
@@ -49,13 +51,45 @@ class Agreement:
     ms_fp32: float | None
     time: float
 
+    @property
+    def passed(self) -> bool:
+        return self.correlation >= LEAST_CORRELATION
+
+    @property
+    def complaint(self) -> str:
+        return (
+            f"{self.precision} loses the saliency of this network: its correlation with float32's is "
+            f"{self.correlation:.3f}, at least {LEAST_CORRELATION:g} is wanted."
+        )
+
     def figures(self) -> dict[str, float]:
-        """For the contract: what another machine would find too."""
-        found = {name: value for name, value in asdict(self).items() if value is not None and name != "time"}
+        """What another machine would find too."""
+        left_out = ("precision", "time")
+        found = {name: value for name, value in asdict(self).items() if value is not None and name not in left_out}
         return {f"lower_{name}": value for name, value in found.items()}
 
+    def table(self) -> str:
+        def row(
+            name: str, correlation: str, agreeing: str, keypoints: float, rep: float, ms: float | None, time: str
+        ) -> str:
+            score = "-" if ms is None else f"{ms:.1f}"
+            return f"{name:<8}{correlation:>12}{agreeing:>13}{keypoints:>11.0f}{rep:>7.1f}{score:>9}{time:>7}"
 
-def measure(lower: bytes, full: bytes, images: CalibrationSet) -> Agreement:
+        lines = [
+            f"{'':8}{'correlation':>12}{'kpts < 1 px':>13}{'keypoints':>11}{'rep %':>7}{'match %':>9}{'time':>7}"
+            "   (images, views of them; time on this CPU)",
+            row("fp32", "1", "100%", self.keypoints_fp32, self.rep_fp32, self.ms_fp32, "1"),
+            row(
+                self.precision, f"{self.correlation:.4f}", f"{self.agreeing:.1%}", self.keypoints, self.rep, self.ms,
+                f"{self.time:.2f}",
+            ),
+        ]  # fmt: skip
+        if self.precision == "int8" and self.time > NO_GAIN:
+            lines.append("int8 is no faster here: most of this network's time is not in convolutions. Use fp32.")
+        return "\n".join(lines)
+
+
+def measure(lower: bytes, full: bytes, images: CalibrationSet) -> PrecisionCheck:
     """Run both models, with their contracts, on every image and on a view of it; flat images say nothing.
 
     Raises
@@ -63,7 +97,7 @@ def measure(lower: bytes, full: bytes, images: CalibrationSet) -> Agreement:
     ExportError
         If a file can't be read as an image any more.
     VerificationError
-        If the lower precision gives no finite saliency, or hardly that of float32.
+        If the lower precision gives no finite saliency, or float32 finds none.
     """
     a, b = ElfRuntime(lower), ElfRuntime(full)
     rows, times = [], []
@@ -96,37 +130,12 @@ def measure(lower: bytes, full: bytes, images: CalibrationSet) -> Agreement:
             "No file was written."
         )
     means = np.array(rows, np.float64).mean(axis=0)
-    if means[0] < LEAST_CORRELATION:
-        raise VerificationError(
-            f"{a.contract.precision} loses the saliency of this network: its correlation with float32's is "
-            f"{means[0]:.3f}, at least {LEAST_CORRELATION:g} is wanted. No file was written."
-        )
     described = bool(a.contract.descriptors)
     correlation, near, count, count_fp32, rep, rep_fp32, ms, ms_fp32 = map(float, means)
-    return Agreement(
-        correlation, near, count, count_fp32, rep, rep_fp32, ms if described else None,
+    return PrecisionCheck(
+        a.contract.precision, correlation, near, count, count_fp32, rep, rep_fp32, ms if described else None,
         ms_fp32 if described else None, float(np.median(times)),
     )  # fmt: skip
-
-
-def table(precision: str, a: Agreement) -> str:
-    """The agreement as a small text table."""
-
-    def row(
-        name: str, correlation: str, agreeing: str, keypoints: float, rep: float, ms: float | None, time: str
-    ) -> str:
-        score = "-" if ms is None else f"{ms:.1f}"
-        return f"{name:<8}{correlation:>12}{agreeing:>13}{keypoints:>11.0f}{rep:>7.1f}{score:>9}{time:>7}"
-
-    lines = [
-        f"{'':8}{'correlation':>12}{'kpts < 1 px':>13}{'keypoints':>11}{'rep %':>7}{'match %':>9}{'time':>7}"
-        "   (images, views of them; time on this CPU)",
-        row("fp32", "1", "100%", a.keypoints_fp32, a.rep_fp32, a.ms_fp32, "1"),
-        row(precision, f"{a.correlation:.4f}", f"{a.agreeing:.1%}", a.keypoints, a.rep, a.ms, f"{a.time:.2f}"),
-    ]
-    if precision == "int8" and a.time > NO_GAIN:
-        lines.append("int8 is no faster here: most of this network's time is not in convolutions. Use fp32.")
-    return "\n".join(lines)
 
 
 def _sources(images: CalibrationSet, spec: InputSpec, scale: float) -> Iterator[Image]:

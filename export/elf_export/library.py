@@ -1,0 +1,146 @@
+"""The exporter as a library: the two functions that make a request, and have it done."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+from .descriptors.projection import Reduction
+from .detection import Wanted, as_mapping
+from .pipeline import ExportResult, export
+from .preprocessing import Preprocessing
+from .request import Request
+
+Log = Callable[[str], None]
+
+
+def export_network(
+    name: str,
+    layer: str | None = None,
+    descriptors: Sequence[str] | None = None,
+    output: str | os.PathLike[str] | None = None,
+    *,
+    weights: str | os.PathLike[str] | None = None,
+    opset: int | None = None,
+    force: bool = False,
+    offline: bool = False,
+    detection: Wanted = None,
+    preprocessing: Preprocessing | Literal["paper", "own"] = "paper",
+    desc_weights: str | os.PathLike[str] | None = None,
+    reduction: Reduction | None = None,
+    calibration: str | os.PathLike[str] | None = None,
+    precision: str = "fp32",
+    log: Log = lambda _: None,
+) -> ExportResult:
+    """Export a named network as an ELF model.
+
+    Parameters
+    ----------
+    name : str
+        As ``elf-export --list`` shows them.
+    layer, descriptors : optional
+        The paper's by default; an empty sequence makes a detector without descriptors.  ``vgg:pool3`` describes
+        by a layer of another network, which comes into the same file.
+    output : path, optional
+        ``elf-NAME-LAYER.onnx`` by default.
+    weights : path, optional
+        The published ones by default: see `elf_export.sources.weights.load.load_weights`.
+    opset : int, optional
+        11 to 20, 17 by default.
+    force : bool
+        Overwrite an existing file.
+    offline : bool
+        Don't try the network for weights.
+    detection : DetectionParams or dict, optional
+        The settings that the runtime uses where the caller gives none, or what to change of the network's own.
+    preprocessing : "paper", "own" or Preprocessing
+        For the detector: the paper's standardisation, what the network was trained with, or any other.
+    desc_weights : path, optional
+        Weights of the other network that describes, as `weights`.
+    reduction : Reduction, optional
+        Fewer values a descriptor, in every descriptor layer; the layers' channels as they are by default.
+    calibration : path, optional
+        Folder of images that reduction and precision are fitted to; the exporter's photographs by default.
+    precision : "fp32", "fp16", "bf16" or "int8"
+        See `elf_export.precision.lower`.
+    log : function
+        Is told of each step in a line or a table.
+
+    Returns
+    -------
+    ExportResult
+
+    Raises
+    ------
+    ExportError
+        Unknown network, layer or opset, missing weights, an existing file, a calibration image that can't be
+        used, a graph that does not agree with torch.autograd, or one that the runtime would refuse; no file is left
+        behind.
+    """
+    desc = None if descriptors is None else tuple(descriptors)
+    return export(
+        Request(
+            net=name, layer=layer, desc=desc, output=output, weights=weights, desc_weights=desc_weights,
+            offline=offline, preprocess=preprocessing, opset=opset, force=force, detection=as_mapping(detection),
+            reduction=reduction, calibration=calibration, precision=precision,
+        ),
+        log,
+    )  # fmt: skip
+
+
+def export_onnx(
+    file: str | os.PathLike[str],
+    layer: str,
+    descriptors: Sequence[str],
+    output: str | os.PathLike[str] | None = None,
+    *,
+    image_input: str | None = None,
+    preprocessing: Preprocessing | None = None,
+    opset: int | None = None,
+    force: bool = False,
+    offline: bool = False,
+    detection: Wanted = None,
+    desc_weights: str | os.PathLike[str] | None = None,
+    reduction: Reduction | None = None,
+    calibration: str | os.PathLike[str] | None = None,
+    precision: str = "fp32",
+    log: Log = lambda _: None,
+) -> ExportResult:
+    """Export any CNN's .onnx file as an ELF model; needs no torch, unless a named network describes.
+
+    Parameters
+    ----------
+    layer, descriptors : names
+        Of values or nodes, or unique ends of them; no descriptors make a detector.  ``vgg:pool3`` describes by a layer
+        of a named network, which comes into the same file.
+    output : path, optional
+        ``elf-FILE-LAYER.onnx`` by default.
+    image_input : str, optional
+        Name of the image input, where several may be one.
+    preprocessing : Preprocessing, optional
+        By default the paper's standardisation, on RGB (or gray) pixels.
+    opset : int, optional
+        The file's own by default, moved into 11 to 20.
+    offline, desc_weights, detection, reduction, calibration, precision, log : optional
+        As in `export_network`.
+
+    Returns
+    -------
+    ExportResult
+
+    Raises
+    ------
+    ExportError
+        A file that can't be read or run, an unknown layer, a working scale for a model of one size, a calibration
+        image that can't be used, an op without an adjoint, a gradient that does not agree with central differences, or
+        a file that the runtime would refuse; none is left behind.
+    """
+    return export(
+        Request(
+            onnx=file, layer=layer, desc=tuple(descriptors), output=output, desc_weights=desc_weights, offline=offline,
+            preprocess=preprocessing, input=image_input, opset=opset, force=force, detection=as_mapping(detection),
+            reduction=reduction, calibration=calibration, precision=precision,
+        ),
+        log,
+    )  # fmt: skip

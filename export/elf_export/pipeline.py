@@ -1,0 +1,133 @@
+"""From what is asked for to a verified .onnx file: the whole way of an export, as docs/how-it-works.md tells it."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+import onnx
+
+from elf_runtime import ModelContract
+from elf_runtime.contract import ReductionSpec
+
+from .calibration import calibration_set
+from .checks import Check, require
+from .checks.trial import require_usable
+from .contract import cost_of, descriptor_specs, input_spec, versions
+from .descriptors.other_network import attach
+from .descriptors.reduce import reduce_descriptors
+from .file import check_output, default_name, write
+from .graph.passes import opset_of, require_opset
+from .graph.receptive_field import stated
+from .graph.sizes import Sizes
+from .precision.lower import lower
+from .request import Request
+from .saliency import build_saliency
+from .sources import Sources, open_sources
+from .sources.finished_sizes import sizes_of
+from .sources.foreign.guard import only_export_errors
+
+Log = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class ExportResult:
+    """What an export made.
+
+    Attributes
+    ----------
+    path : Path
+    contract : ModelContract
+    checks : tuple of Check
+        What the graph was held against: a saliency check always, one of the projected descriptors and one of the
+        lower precision where there are any.
+    """
+
+    path: Path
+    contract: ModelContract
+    checks: tuple[Check, ...] = ()
+
+
+def export(request: Request, log: Log = lambda _: None) -> ExportResult:
+    """Make the file that `request` asks for; nothing is written unless every check has passed.
+
+    Raises
+    ------
+    ExportError
+        Saying what is wrong and what to do about it; no file is left behind.
+    """
+    with only_export_errors(request.onnx) if request.onnx is not None else nullcontext():
+        require_opset(request.opset)
+        images = calibration_set(request.calibration)
+        sources = open_sources(request, log)
+        model = saliency_graph(sources, channels_last=request.precision == "int8")
+        sizes = finished_sizes(model, sources, log)
+        model, reductions, projected = reduce_descriptors(
+            model, sources.descriptors, request.reduction, images, input_spec(sources.color, sizes),
+            sources.detector.detection.scale, sources.maps(model), log,
+        )  # fmt: skip
+        saliency = sources.detector.oracle.check(model, sources.color, sources.detector.detection, sizes)
+        require(saliency, log)
+        contract = contract_of(model, sources, sizes, reductions, (saliency, *projected))
+        model, contract, lowered = lower(model, contract, request.precision, images, log)
+        require_usable(model, contract, sizes)
+        path = check_output(request.output or default_name(contract.network, contract.layer), request.force)
+        write(model, contract, path)
+        return ExportResult(path, contract, (saliency, *projected, *lowered))
+
+
+def saliency_graph(sources: Sources, channels_last: bool) -> onnx.ModelProto:
+    """Forward and adjoint of the detector in one graph, with preprocessing in front, and every descriptor map."""
+    detector = sources.detector
+    model = build_saliency(
+        detector.model, detector.layer, detector.descriptors, detector.image.name, detector.preprocessing,
+        differentiate=detector.differentiate, color=sources.color, channels_last=channels_last,
+        min_size=detector.sizes.min_size, size=detector.sizes.usual,
+    )  # fmt: skip
+    for other in sources.others:
+        model = attach(
+            model, other.model, other.image.name, other.name, other.descriptors, other.preprocessing, sources.color
+        )
+    return model
+
+
+def finished_sizes(model: onnx.ModelProto, sources: Sources, log: Log) -> Sizes:
+    """The sizes of images that the finished graph takes: those of the forward graphs, held against runs of it."""
+    detector = sources.detector
+    specs = descriptor_specs(model, sources.descriptors, sources.fields)
+    spec = input_spec(sources.color, detector.sizes)
+    period = max(source.period for source in (detector, *sources.others))
+    sizes = sizes_of(model, detector.sizes, spec.channels, period, specs)
+    if detector.request.onnx is not None:
+        image = detector.image
+        log(f"image {image.name!r}, {image.layout}, {image.channels} channel(s); sizes: {sizes.describe()}")
+    return sizes
+
+
+def contract_of(
+    model: onnx.ModelProto,
+    sources: Sources,
+    sizes: Sizes,
+    reductions: Mapping[str, ReductionSpec],
+    checks: Sequence[Check],
+) -> ModelContract:
+    """All that the file says of itself."""
+    detector, field = sources.detector, sources.fields[sources.detector.layer]
+    return ModelContract(
+        network=detector.name,
+        layer=detector.layer,
+        stride=field.stride,
+        receptive_field=stated(field.size),
+        input=input_spec(sources.color, sizes),
+        descriptors=descriptor_specs(model, sources.descriptors, sources.fields, reductions),
+        detection=detector.detection,
+        preprocessing=detector.preprocessing.describe(),
+        weights=sources.weights,
+        parity={name: value for check in checks for name, value in check.figures().items()},
+        cost=cost_of(model, sources.descriptors, sizes.usual),
+        versions=versions(opset_of(model)),
+        command=shlex.join(sources.request.words()),
+    )

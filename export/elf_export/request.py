@@ -1,0 +1,114 @@
+"""What an export is asked for, by the command line or by the library; nothing here needs the onnx package."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from .detection import setting_words
+from .errors import ExportError
+
+if TYPE_CHECKING:
+    from .descriptors.projection import Reduction
+    from .preprocessing import Preprocessing
+
+PRECISIONS = ("fp32", "fp16", "bf16", "int8")
+LEAST_OPSET = 13  # of all but fp32: bfloat16, and one scale for each channel, are of that opset
+
+File = str | os.PathLike[str]
+
+
+@dataclass(frozen=True)
+class Request:
+    """An export, as `elf-export`'s options say it; exactly one of `net` and `onnx` is given.
+
+    A source completes it: with the layers by their full names, say, and without weights that are found anyway.  The
+    command that `words` then gives makes the same file again.
+
+    Attributes
+    ----------
+    net : str
+        A named network.
+    onnx : path
+        Anyone's model.
+    layer : str, optional
+        F; a named network has the paper's by default.
+    desc : tuple of str, optional
+        Layers to describe by, the first being the default; ``NET:LAYER`` is another network's.  None: the paper's.
+    output : path, optional
+        ``elf-NETWORK-LAYER.onnx`` by default.
+    weights, desc_weights : path, optional
+        Of the named network, and of the other one that describes.
+    preprocess : "paper", "own" or Preprocessing, optional
+        What the detector is fed: each image standardised (the paper's, and the default), or what it was trained with.
+    input : str, optional
+        The image input of `onnx`, where several may be one.
+    opset : int, optional
+        17 for a named network by default, the model's own for another.
+    detection : mapping
+        Settings that the file carries in place of the network's own.
+    reduction : Reduction, optional
+        Fewer values a descriptor.
+    calibration : path, optional
+        Folder of images that reduction and precision are fitted to.
+    """
+
+    net: str = ""
+    onnx: File | None = None
+    layer: str | None = None
+    desc: tuple[str, ...] | None = None
+    output: File | None = None
+    weights: File | None = None
+    desc_weights: File | None = None
+    offline: bool = False
+    preprocess: Preprocessing | Literal["paper", "own"] | None = None
+    input: str | None = None
+    opset: int | None = None
+    force: bool = False
+    detection: Mapping[str, Any] = field(default_factory=dict)
+    reduction: Reduction | None = None
+    calibration: File | None = None
+    precision: str = "fp32"
+
+    def words(self) -> list[str]:
+        """The command that asks for the same file; files are named without their folders, which are one machine's."""
+        words = ["elf-export"]
+
+        def option(name: str, value: object) -> None:
+            words.extend([f"--{name}", str(value)] if value else [])
+
+        option("net", self.net)
+        option("onnx", _name(self.onnx))
+        option("weights", _name(self.weights))
+        option("desc-weights", _name(self.desc_weights))
+        option("input", self.input)
+        option("opset", self.opset)
+        option("layer", self.layer)
+        if self.desc is not None:
+            option("desc", ",".join(self.desc) or "none")
+        if self.preprocess == "own":
+            option("preprocess", "own")
+        words += self.reduction.words() if self.reduction is not None else []
+        words += setting_words(self.detection)
+        option("precision", self.precision if self.precision != "fp32" else "")
+        option("calibration", self.calibration)
+        if self.onnx is not None and self.preprocess not in (None, "paper", "own"):
+            words += self.preprocess.words()  # type: ignore[union-attr]
+        return words
+
+
+def check_precision(precision: str, opset: int) -> None:
+    """Raise ExportError on an unknown precision, or an opset too old for it."""
+    if precision not in PRECISIONS:
+        raise ExportError(f"precision is one of {', '.join(PRECISIONS)}, not {precision!r}")
+    if precision != "fp32" and opset < LEAST_OPSET:
+        raise ExportError(
+            f"the model is of opset {opset}, {precision} needs opset {LEAST_OPSET} or later; choose one with --opset"
+        )
+
+
+def _name(file: File | None) -> str:
+    return "" if file is None else Path(file).name

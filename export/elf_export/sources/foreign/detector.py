@@ -1,0 +1,102 @@
+"""Anybody's .onnx file as a source; needs onnx, onnxruntime and numpy, no torch."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import onnx
+
+from elf_export.checks.differences import Differences
+from elf_export.detection import changed, chosen
+from elf_export.errors import ExportError
+from elf_export.file import check_output, default_name
+from elf_export.graph.passes import target_opset
+from elf_export.preprocessing import Preprocessing
+from elf_export.request import LEAST_OPSET, Request, check_precision
+from elf_export.sources.geometry import longest_period, measured_fields
+from elf_export.sources.named import check_others
+from elf_export.sources.networks import network_names
+from elf_export.sources.source import Source
+from elf_runtime import DetectionParams, WeightsSpec
+
+from .load import load_model
+from .prepare import Prepared, prepare
+
+
+def foreign_detector(request: Request, log: Callable[[str], None]) -> Source:
+    """The network in the file `request.onnx`, as a detector.
+
+    Raises
+    ------
+    ExportError
+        A file that can't be read or run, an unknown layer, a working scale for a model of one size, preprocessing for
+        another number of channels.
+    """
+    assert request.onnx is not None
+    file = Path(request.onnx)
+    detection = chosen(DetectionParams(), request.detection)
+    model = load_model(file)
+    least_opset = 0 if request.precision == "fp32" else LEAST_OPSET
+    check_precision(request.precision, request.opset or max(target_opset(model), least_opset))
+    words = request.desc or ()
+    own = [word for word in words if not names_another_network(word, model)]
+    check_others(request, [word for word in words if word not in own])
+    prepared = prepare(model, [request.layer or "", *own], request.input, request.opset, least_opset)
+    for note in prepared.notes:
+        log(note)
+    layer, *resolved = prepared.layers
+    called = dict(zip(own, resolved, strict=True))
+    _require_scale(prepared, detection)
+    check_output(request.output or default_name(file.stem, layer), request.force)
+    preprocessing = _preprocessing(prepared, request)
+    described = list(dict.fromkeys(resolved))
+    fields = measured_fields(prepared.model, prepared.image, prepared.sizes, prepared.layers, described)
+    return Source(
+        replace(
+            request, layer=layer, desc=tuple(dict.fromkeys(called.get(word, word) for word in words)),
+            detection=changed(DetectionParams(), detection), preprocess=preprocessing,
+        ),
+        file.stem,
+        prepared.model,
+        prepared.image,
+        layer,
+        tuple(described),
+        preprocessing,
+        fields,
+        prepared.sizes,
+        longest_period(prepared.model, prepared.image, fields, described),
+        WeightsSpec(file.name, hashlib.sha256(file.read_bytes()).hexdigest(), ""),
+        Differences(prepared.model, layer, prepared.image, preprocessing),
+        detection,
+    )  # fmt: skip
+
+
+def names_another_network(word: str, model: onnx.ModelProto) -> bool:
+    """Whether ``NET:LAYER`` means a named network's layer: a value of the model's own may be called so too."""
+    network = word.rpartition(":")[0]
+    return network in network_names() and not any(word in node.output for node in model.graph.node)
+
+
+def _require_scale(prepared: Prepared, detection: DetectionParams) -> None:
+    fixed = prepared.sizes.width, prepared.sizes.height
+    if detection.scale != 1.0 and any(fixed):
+        raise ExportError(
+            f"the model takes images of {fixed[0] or 'any'}x{fixed[1] or 'any'} (width x height) only, to which "
+            f"the runtime resizes: --set scale={detection.scale:g} can't be chosen, leave it out"
+        )
+
+
+def _preprocessing(prepared: Prepared, request: Request) -> Preprocessing:
+    channels = prepared.image.channels
+    chosen = request.preprocess
+    if not isinstance(chosen, Preprocessing):
+        return Preprocessing(color="gray" if channels == 1 else "rgb")
+    if chosen.channels != channels:
+        raise ExportError(
+            f"--color {chosen.color} has {chosen.channels} channel(s), the image input {prepared.image.name!r} "
+            f"takes {channels}"
+        )
+    return chosen

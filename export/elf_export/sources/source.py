@@ -1,0 +1,145 @@
+"""What any network is to an export, be it a named one or anybody's file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+import onnx
+
+from elf_export.checks import Check
+from elf_export.graph.image_input import ImageInput
+from elf_export.graph.receptive_field import Field
+from elf_export.graph.sizes import Sizes
+from elf_export.preprocessing import Preprocessing
+from elf_export.request import Request
+from elf_runtime import DetectionParams, WeightsSpec
+
+from .weights.load import NO_WEIGHTS
+
+Maps = Callable[[npt.NDArray[np.float32]], Mapping[str, npt.NDArray[np.floating]]]
+"""(N, H, W, C) float32 raw pixels -> layer -> (N, h, w, D)."""
+
+
+class Oracle(Protocol):
+    """An independent computation that a graph is held against."""
+
+    def check(self, model: onnx.ModelProto, color: str, params: DetectionParams, sizes: Sizes) -> Check:
+        """Hold a saliency graph, whose image is of colour order `color`, against it."""
+
+    def maps(self, model: onnx.ModelProto, layers: Sequence[str], color: str) -> Maps:
+        """The maps of `layers` by it; by `model`, the saliency graph, where it has none of its own."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A network ready to be differentiated, and all that an export has to know of it.
+
+    Attributes
+    ----------
+    request : Request
+        With what the source has found out put in.
+    name : str
+        As the contract calls the network.
+    model : onnx.ModelProto
+        The forward graph, in float32, of an opset that the rules know, its sizes free where they can be.
+    image : ImageInput
+    layer : str
+        The value F.
+    descriptors : names of values
+        The network's own layers among those that describe.
+    preprocessing : Preprocessing
+    fields : mapping
+        The geometry of every value that depends on the image.
+    sizes : Sizes
+        What the forward graph takes.
+    period : float
+        Pixels after which the sizes that it takes, and those of its maps, repeat themselves.
+    weights : WeightsSpec
+        Where they come from.
+    oracle : Oracle
+    detection : DetectionParams
+        That the file will carry.
+    differentiate : bool
+        False: F is the saliency map itself.
+    """
+
+    request: Request
+    name: str
+    model: onnx.ModelProto
+    image: ImageInput
+    layer: str
+    descriptors: tuple[str, ...]
+    preprocessing: Preprocessing
+    fields: Mapping[str, Field]
+    sizes: Sizes
+    period: float
+    weights: WeightsSpec
+    oracle: Oracle
+    detection: DetectionParams
+    differentiate: bool = True
+
+
+@dataclass(frozen=True)
+class Sources:
+    """All networks of a file: one that detects, and others, if any, that describe.
+
+    Attributes
+    ----------
+    detector : Source
+    others : tuple of Source
+        Of each, `descriptors` are used alone.
+    """
+
+    detector: Source
+    others: tuple[Source, ...] = ()
+
+    @property
+    def request(self) -> Request:
+        """The detector's, with the weights that the other networks need to be given."""
+        given = next((other.request.weights for other in self.others if other.request.weights is not None), None)
+        return replace(self.detector.request, desc_weights=given)
+
+    @property
+    def color(self) -> str:
+        """Colour order of the one image that all networks see."""
+        colors = {source.preprocessing.color for source in (self.detector, *self.others)}
+        return colors.pop() if len(colors) == 1 else "bgr"
+
+    @cached_property
+    def fields(self) -> dict[str, Field]:
+        """The geometry of the detector's values and, as ``NET:LAYER``, of the layers of others that describe."""
+        found = dict(self.detector.fields)
+        for other in self.others:
+            found |= {f"{other.name}:{layer}": other.fields[layer] for layer in other.descriptors}
+        return found
+
+    @property
+    def descriptors(self) -> tuple[str, ...]:
+        """The layers that describe, in the order that was asked for: the first is the default."""
+        return self.detector.request.desc or ()
+
+    @property
+    def weights(self) -> WeightsSpec:
+        """Where the weights of all networks come from; those that need none are left out."""
+        parts = [self.detector.weights, *(other.weights for other in self.others)]
+        trained = [part for part in parts if part.source != NO_WEIGHTS] or parts[:1]
+        joined = ("; ".join(getattr(part, name) for part in trained) for name in ("source", "sha256", "licence"))
+        return WeightsSpec(*joined)
+
+    def maps(self, model: onnx.ModelProto) -> Maps:
+        """The maps of all `descriptors`, by each network's oracle; `model` is the saliency graph with all of them."""
+        own = self.detector.oracle.maps(model, self.detector.descriptors, self.color)
+        of_others = [(other.name, other.oracle.maps(model, other.descriptors, self.color)) for other in self.others]
+
+        def of_all(pixels: npt.NDArray[np.float32]) -> dict[str, npt.NDArray[np.floating]]:
+            found = dict(own(pixels))
+            for name, maps in of_others:
+                found |= {f"{name}:{layer}": value for layer, value in maps(pixels).items()}
+            return found
+
+        return of_all
