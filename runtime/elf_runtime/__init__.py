@@ -13,7 +13,8 @@ from .contract import DescriptorSpec, InputSpec, ModelContract, WeightsSpec
 from .engine import ElfRuntime, Trace
 from .errors import ContractError, ElfError, ImageError, ModelError, ProviderError, SettingError
 from .model.ort_format import to_ort
-from .params import PRESETS, DetectionParams, preset
+from .params import DetectionParams
+from .presets import PRESETS, preset
 from .results.features import Features
 from .results.matching import match
 

@@ -25,7 +25,8 @@ from .model.bundled import read_bundled
 from .model.outputs import check_descriptors, check_map, check_saliency
 from .model.session import Provider, is_cpu, read_model, resolve_providers
 from .model.sessions import Sessions
-from .params import DetectionParams, is_int, preset
+from .params import DetectionParams, is_int
+from .presets import preset
 from .results.features import Features
 
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from elf_runtime.commands._settings import setting
 from elf_runtime.commands.command import new_parser
+from elf_runtime.commands.options import setting
 
 if TYPE_CHECKING:
     from elf_export.descriptors.projection import Reduction

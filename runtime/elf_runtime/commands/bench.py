@@ -14,22 +14,23 @@ from typing import Any
 import cv2
 import numpy as np
 
-from elf_runtime.checks.statistics import paired_ratio, summary
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.image import convert as images
 from elf_runtime.pictures.render import displayable
+from elf_runtime.timing.environment import environment, usable_cores
+from elf_runtime.timing.fresh_process import peak_memory, start_up
+from elf_runtime.timing.interleave import Workload, interleaved
+from elf_runtime.timing.statistics import paired_ratio, summary
 
-from . import _common, command
-from ._bench_table import table
-from ._contenders import PEERS, Contender, Image, float_model, ours, peers, saliencies, synthetic, torch_peer
-from ._fresh import environment, peak_memory, start_up, usable_cores
-from ._outputs import check_outputs
-from ._timing import interleaved
+from . import command, options
+from .bench_table import table
+from .bench_workloads import PEERS, Image, float_model, ours, peers, saliencies, synthetic, torch_peer
+from .outputs import check_outputs, write_picture
 
 DESCRIPTION = """\
 Time a model stage by stage, beside other detectors where they are installed.
 
-Every repetition runs each contender once, in an order that rotates, so that what slows the machine for a
+Every repetition runs each of them once, in an order that rotates, so that what slows the machine for a
 while slows all of them; several sizes take turns too.  Ratios are medians over the repetitions' pairs, with a
 bootstrap interval of 95 %.
 Import time, load time and peak memory come from fresh processes.
@@ -65,11 +66,11 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="photograph to resize; default: a synthetic textured image from a fixed seed",
     )
-    parser.add_argument("--repeats", type=_common.positive, default=20, metavar="N", help="repetitions; default: 20")
-    parser.add_argument("--warmup", type=_common.positive, default=3, metavar="N", help="rounds before; default: 3")
+    parser.add_argument("--repeats", type=options.positive, default=20, metavar="N", help="repetitions; default: 20")
+    parser.add_argument("--warmup", type=options.positive, default=3, metavar="N", help="rounds before; default: 3")
     parser.add_argument(
         "--processes",
-        type=_common.positive,
+        type=options.positive,
         default=5,
         metavar="N",
         help="fresh processes for start-up; default: 5",
@@ -79,7 +80,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--torch-model", metavar="FILE", help="ELF model whose weights torch takes; default: --model")
     parser.add_argument("--json", metavar="FILE", help="write everything, samples included; - is standard output")
-    _common.add_model_options(parser)
+    options.add_model_options(parser)
     parser.add_argument(
         "--spin", action="store_true", help="let idle threads spin between runs too: pays where cores are free"
     )
@@ -140,9 +141,9 @@ def _work(args: argparse.Namespace) -> int:
         for height, width in args.sizes:
             image = synthetic(height, width) if photo is None else cv2.resize(photo, (width, height))
             picture = Path(folder) / f"{len(lanes)}.png"
-            _common.write_picture(picture, image)
-            contenders = [ours(elf, picture), *(saliencies(elf, twin, image) if wanted else [])]
-            lanes.append(_Lane(image, [*contenders, *peers(wanted, image, torch_saliency)]))
+            write_picture(picture, image)
+            workloads = [ours(elf, picture), *(saliencies(elf, twin, image) if wanted else [])]
+            lanes.append(_Lane(image, [*workloads, *peers(wanted, image, torch_saliency)]))
         _time(lanes, args)
         for lane in lanes:
             entry = _entry(lane)
@@ -185,17 +186,17 @@ class _Lane:
     """What runs on the image of one size, and what was measured."""
 
     image: Image
-    contenders: list[Contender]
+    workloads: list[Workload]
     samples: dict[str, list[float]] = dataclasses.field(default_factory=dict)
     keypoints: dict[str, int] = dataclasses.field(default_factory=dict)
 
 
 def _time(lanes: list[_Lane], args: argparse.Namespace) -> None:
-    """Fill the lanes' samples; all sizes' contenders in one rotation."""
+    """Fill the lanes' samples; all sizes' workloads in one rotation."""
     named = [
-        dataclasses.replace(contender, name=f"{i}:{contender.name}")
+        dataclasses.replace(workload, name=f"{i}:{workload.name}")
         for i, lane in enumerate(lanes)
-        for contender in lane.contenders
+        for workload in lane.workloads
     ]
     samples, keypoints = interleaved(named, args.warmup, args.repeats)
     for i, lane in enumerate(lanes):
@@ -224,7 +225,7 @@ def _entry(lane: _Lane) -> dict[str, Any]:
         "height": lane.image.shape[0],
         "width": lane.image.shape[1],
         "keypoints": lane.keypoints,
-        "titles": {c.name: c.title for c in lane.contenders},
+        "titles": {c.name: c.title for c in lane.workloads},
         "seconds": {name: dataclasses.asdict(summary(values)) for name, values in lane.samples.items()},
         "ratios": ratios,
         "samples": lane.samples,

@@ -25,8 +25,8 @@ from elf_runtime.model.ort_format import is_ort_format, to_ort
 from elf_runtime.model.session import Provider, bundled_model, is_cpu, resolve_providers
 
 from . import command
-from ._info_text import report_text
-from ._outputs import check_outputs
+from .info_text import report_text
+from .outputs import check_outputs
 
 DESCRIPTION = """\
 Show what an ELF model is: its network and layer, descriptors, default detection settings, the origin of its

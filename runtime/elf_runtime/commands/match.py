@@ -19,8 +19,8 @@ from elf_runtime.results.features import Features
 from elf_runtime.results.matching import match
 from elf_runtime.results.two_view import LEAST_MATCHES, TwoView, fit
 
-from . import _common, command
-from ._outputs import check_outputs
+from . import command, options
+from .outputs import check_outputs, short_name, write_picture
 
 DESCRIPTION = """\
 Match the ELF keypoints of two images (mutual nearest neighbours in descriptor space), count the matches, and draw
@@ -61,9 +61,9 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--json", metavar="FILE", help="write images, model, settings, counts and the matrix; - is standard output"
     )
-    _common.add_image_options(parser)
-    _common.add_detection_options(parser)
-    _common.add_model_options(parser)
+    options.add_image_options(parser)
+    options.add_detection_options(parser)
+    options.add_model_options(parser)
     return parser
 
 
@@ -87,11 +87,11 @@ def _work(args: argparse.Namespace) -> int:
         {"-o": [args.output], "--save": [args.save], "--json": [args.json]},
         {"an input image": [args.a, args.b], "the model": [args.model]},
     )
-    elf = _common.open_runtime(args)
+    elf = options.open_runtime(args)
     if elf.contract.descriptor(args.descriptor) is None:
         raise SettingError(f"{args.model}: exported with --desc none, it can't describe, and so not match")
-    pixels = [_common.read_image(path, args) for path in (args.a, args.b)]
-    first, second = (elf.detect(image, **_common.settings(args)) for image in pixels)
+    pixels = [options.read_image(path, args) for path in (args.a, args.b)]
+    first, second = (elf.detect(image, **options.settings(args)) for image in pixels)
     pairs = match(first, second, args.ratio)
     points = (first.keypoints[pairs[:, 0]], second.keypoints[pairs[:, 1]])
     view = fit(*points, args.ransac, reach) if args.ransac else None
@@ -103,11 +103,11 @@ def _work(args: argparse.Namespace) -> int:
             at_best = f" that they support: {int(view.inliers.sum())} inliers at best, as chance would give"
     if args.output:
         titles = [
-            (_common.short_name(args.a), f"{len(first)} keypoints, {text}"),
-            (_common.short_name(args.b), f"{len(second)} keypoints"),
+            (short_name(args.a), f"{len(first)} keypoints, {text}"),
+            (short_name(args.b), f"{len(second)} keypoints"),
         ]
         inliers = view.inliers & view.supported if view is not None else None
-        _common.write_picture(args.output, match_picture(pixels, points, inliers, titles))
+        write_picture(args.output, match_picture(pixels, points, inliers, titles))
     if args.save:
         _save(args.save, pairs, (first, second), view)
     written = ", ".join(str(path) for path in (args.output, args.save) if path)
@@ -139,7 +139,7 @@ def _summary(
 ) -> dict[str, Any]:
     return {
         "images": [args.a, args.b],
-        **_common.origin(elf, args),
+        **options.origin(elf, args),
         "keypoints": [len(features) for features in found],
         "ratio": args.ratio,
         "matches": matches,

@@ -15,9 +15,9 @@ import onnxruntime as ort
 import pytest
 
 from elf_runtime import ElfRuntime, Features, ModelError
-from elf_runtime.commands._contenders import synthetic
-from elf_runtime.commands._inputs import image_files
+from elf_runtime.commands.bench_workloads import synthetic
 from elf_runtime.commands.detect import main
+from elf_runtime.commands.inputs import image_files
 from elf_runtime.image import convert as images
 from helpers import ROOT, TINY, turned_jpeg
 
@@ -97,7 +97,7 @@ def test_threads_and_provider_reach_the_model(monkeypatch: pytest.MonkeyPatch, t
         given.update(options, model=model)
         raise ModelError("not opened")
 
-    monkeypatch.setattr("elf_runtime.commands._common.ElfRuntime", opened)
+    monkeypatch.setattr("elf_runtime.commands.options.ElfRuntime", opened)
     arguments = [str(write(tmp_path / "a.png")), "-o", str(tmp_path / "out"), "--model", "m.onnx"]
     assert main([*arguments, "--threads", "3", "--provider", "cuda"]) == 1
     assert given == {"model": "m.onnx", "threads": 3, "providers": "cuda"}

@@ -13,7 +13,7 @@ import pytest
 
 from elf_runtime import ElfRuntime
 from elf_runtime import match as matched
-from elf_runtime.commands._contenders import synthetic
+from elf_runtime.commands.bench_workloads import synthetic
 from elf_runtime.commands.match import main
 from elf_runtime.image import convert as images
 from elf_runtime.results.two_view import fit

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elf_runtime.checks.statistics import median_interval, paired_ratio, summary
+from elf_runtime.timing.statistics import median_interval, paired_ratio, summary
 
 
 def test_percentiles_are_linear_between_neighbours() -> None:

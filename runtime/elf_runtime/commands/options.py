@@ -1,31 +1,21 @@
-"""What the commands share: options, the model and the images that they name, and pictures."""
+"""The options that commands share: model, images and detection settings, and what they stand for."""
 
 from __future__ import annotations
 
 import argparse
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy.typing as npt
 
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.errors import ElfError
-from elf_runtime.files.write import write_atomically
+from elf_runtime.errors import SettingError
 from elf_runtime.image import convert as images
 from elf_runtime.image.convert import MAX_PIXELS
-from elf_runtime.params import PRESETS, DetectionParams
-from elf_runtime.pictures.canvas import Picture
+from elf_runtime.params import SETTINGS, DetectionParams, parse_setting, parse_value
+from elf_runtime.presets import PRESETS
 
-from ._settings import setting
 from .command import UsageError
-
-# What `cv2.imread` of every build decodes; a folder may hold other files too.
-IMAGE_SUFFIXES = frozenset(
-    (".bmp", ".jpeg", ".jpg", ".jp2", ".pbm", ".pgm", ".png", ".pnm", ".ppm", ".tif", ".tiff", ".webp")
-)
-_SETTINGS = tuple(field.name for field in fields(DetectionParams))
 
 
 def add_model_options(parser: argparse.ArgumentParser, model: bool = True) -> None:
@@ -48,7 +38,7 @@ def add_detection_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--max-keypoints", type=int, metavar="N", help="keep the N strongest keypoints")
     group.add_argument(
         "--threshold",
-        type=threshold,
+        type=parse_value,
         metavar="T",
         help="'kapur': maximum-entropy level of the blurred saliency; 'none'; or a fixed level in [0, 1]",
     )
@@ -72,7 +62,7 @@ def add_detection_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", type=setting,
         help=f"any setting, such as normalize=0.95 or denoise=5,1.2; may be given several times. NAME is one of "
-        f"{', '.join(_SETTINGS)}",
+        f"{', '.join(SETTINGS)}",
     )  # fmt: skip
 
 
@@ -102,11 +92,11 @@ def settings(args: argparse.Namespace) -> dict[str, Any]:
     UsageError
         On a --set of an unknown name, or of one that has an option which is given too.
     """
-    names = ("max_keypoints", "threshold", "nms_radius", "border", "grid", "preset", "scale", "descriptor")
-    given = {name: getattr(args, name) for name in names}
+    own_options = ("max_keypoints", "threshold", "nms_radius", "border", "grid", "preset", "scale", "descriptor")
+    given = {name: getattr(args, name) for name in own_options}
     for name, _ in args.set:
-        if name not in _SETTINGS:
-            raise UsageError(f"--set: unknown setting {name!r}; known are {', '.join(_SETTINGS)}")
+        if name not in SETTINGS:
+            raise UsageError(f"--set: unknown setting {name!r}; known are {', '.join(SETTINGS)}")
         if given.get(name) is not None:
             raise UsageError(f"--set {name}: --{name.replace('_', '-')} is given too; leave one of them out")
     return given | dict(args.set)
@@ -142,9 +132,8 @@ def origin(elf: ElfRuntime, args: argparse.Namespace) -> dict[str, Any]:
 def open_runtime(args: argparse.Namespace) -> ElfRuntime:
     """The model of the options, with detection settings checked before the first image is read."""
     elf = ElfRuntime(args.model, providers=args.provider, threads=args.threads)
-    if hasattr(args, "max_keypoints"):
-        params(elf, args)
-        elf.contract.descriptor(args.descriptor)
+    params(elf, args)
+    elf.contract.descriptor(args.descriptor)
     return elf
 
 
@@ -156,42 +145,14 @@ def positive(text: str) -> int:
     return value
 
 
-def threshold(text: str) -> str | float:
-    """An argparse type: 'kapur', 'none' or a number."""
-    if text in ("kapur", "none"):
-        return text
+def setting(text: str) -> tuple[str, Any]:
+    """An argparse type: ``NAME=VALUE``, as `parse_setting`."""
     try:
-        return float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not 'kapur', 'none' or a number") from None
+        return parse_setting(text)
+    except SettingError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
-def grid(text: str) -> tuple[int, int]:
-    """An argparse type: ``4x6``, rows and columns."""
-    rows, _, columns = text.partition("x")
-    try:
-        return positive(rows), positive(columns)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not ROWSxCOLUMNS") from None
-
-
-def short_name(path: str | Path) -> str:
-    """A file's name with its folder's, for titles: what tells ``graf/1.png`` from ``wall/1.png``."""
-    return "/".join(Path(path).parts[-2:])
-
-
-def write_picture(path: Path, picture: Picture) -> None:
-    """Write an image file; the ending says which kind.
-
-    Raises
-    ------
-    ElfError
-        If OpenCV knows no such kind.
-    """
-    try:
-        done, data = cv2.imencode(path.suffix, picture)
-    except cv2.error:
-        done = False
-    if not done:
-        raise ElfError(f"{path}: can't write an image with the ending {path.suffix!r}; use .png or .jpg")
-    write_atomically(path, lambda temporary: temporary.write_bytes(data.tobytes()))
+def grid(text: str) -> Any:
+    """An argparse type: ``4x6``, rows and columns; whether they are is checked with the other settings."""
+    return parse_value(text.replace("x", ","))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,61 +13,46 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_runtime.engine import ElfRuntime
+from elf_runtime.model.bundled import bundled_model
 from elf_runtime.model.ort_format import is_ort_format
-from elf_runtime.model.session import bundled_model
+from elf_runtime.timing.interleave import Workload
 
 Image = npt.NDArray[np.uint8]
 PEERS = ("torch", "sift", "orb")
 PEER_KEYPOINTS = 500
 
 
-@dataclass(frozen=True)
-class Contender:
-    """One thing to time.
-
-    Attributes
-    ----------
-    run : function
-        Does the work once; returns the number of keypoints (None for a saliency map alone) and the seconds of
-        each stage (empty where there are none).
-    """
-
-    name: str
-    title: str
-    run: Callable[[], tuple[int | None, dict[str, float]]]
-
-
-def ours(elf: ElfRuntime, file: Path) -> Contender:
+def ours(elf: ElfRuntime, file: Path) -> Workload:
     """Detection from an image file, stage by stage."""
 
     def detect() -> tuple[int | None, dict[str, float]]:
         trace = elf.trace(file)
         return len(trace.features), trace.seconds
 
-    return Contender("elf", "ELF, decode to descriptors", detect)
+    return Workload("elf", "ELF, decode to descriptors", detect)
 
 
-def saliencies(elf: ElfRuntime, twin: ElfRuntime | None, image: Image) -> list[Contender]:
+def saliencies(elf: ElfRuntime, twin: ElfRuntime | None, image: Image) -> list[Workload]:
     """The saliency map alone, at full resolution: the model's, and that of its `twin` whose weights torch has."""
     found = []
     for name, model in (("elf_saliency", elf), ("elf_saliency_twin", twin)):
         if model is not None:
             title = f"ELF saliency alone, {model.contract.precision}"
-            found.append(Contender(name, title, _map_only(partial(model.saliency, scale=1.0), image)))
+            found.append(Workload(name, title, _map_only(partial(model.saliency, scale=1.0), image)))
     return found
 
 
-def peers(names: Sequence[str], image: Image, torch_saliency: Callable[[Image], Any] | None) -> list[Contender]:
+def peers(names: Sequence[str], image: Image, torch_saliency: Callable[[Image], Any] | None) -> list[Workload]:
     """The peers among `names`: OpenCV's on the grey image, torch's autograd saliency on the colour one."""
     found = []
     if "torch" in names and torch_saliency is not None:
-        found.append(Contender("torch", "torch autograd, the saliency in fp32", _map_only(torch_saliency, image)))
+        found.append(Workload("torch", "torch autograd, the saliency in fp32", _map_only(torch_saliency, image)))
     gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     for name in ("sift", "orb"):
         if name in names:
             detector = getattr(cv2, f"{name.upper()}_create")(PEER_KEYPOINTS)
             title = f"OpenCV {name.upper()}, at most {PEER_KEYPOINTS} keypoints"
-            found.append(Contender(name, title, _opencv(detector, gray)))
+            found.append(Workload(name, title, _opencv(detector, gray)))
     return found
 
 

@@ -1,44 +1,59 @@
-"""elf-bench's clock."""
+"""Several workloads timed side by side, in rounds, so that what slows the machine for a while slows all of them."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
-from ._contenders import Contender
+
+@dataclass(frozen=True)
+class Workload:
+    """One thing to time.
+
+    Attributes
+    ----------
+    run : function
+        Does the work once; returns the number of keypoints (None for a saliency map alone) and the seconds of
+        each stage (empty where there are none).
+    """
+
+    name: str
+    title: str
+    run: Callable[[], tuple[int | None, dict[str, float]]]
 
 
 def interleaved(
-    contenders: Sequence[Contender], warmup: int, repeats: int
+    workloads: Sequence[Workload], warmup: int, repeats: int
 ) -> tuple[dict[str, list[float]], dict[str, int]]:
-    """Run every contender once a round, in rotating order.
+    """Run every workload once a round, in rotating order.
 
     Returns
     -------
     samples : dict
-        Contender, or ``contender.stage`` -> seconds of each repetition.
+        Workload, or ``workload.stage`` -> seconds of each repetition.
     keypoints : dict
-        Contender -> number of keypoints, of those that find any.
+        Workload -> number of keypoints, of those that find any.
     """
     samples: dict[str, list[float]] = {}
     keypoints: dict[str, int] = {}
     for turn in range(warmup + repeats):
-        first = turn % len(contenders)
-        for contender in [*contenders[first:], *contenders[:first]]:
+        first = turn % len(workloads)
+        for workload in [*workloads[first:], *workloads[:first]]:
             # Threads that spin after their work (OpenMP's, for milliseconds) would take the next one's cores.
             time.sleep(0.01)
             start = time.perf_counter()
-            count, stages = contender.run()
+            count, stages = workload.run()
             total = time.perf_counter() - start
             if turn < warmup:
                 continue
-            samples.setdefault(contender.name, []).append(total)
+            samples.setdefault(workload.name, []).append(total)
             for stage, seconds in with_sums(stages).items():
-                samples.setdefault(f"{contender.name}.{stage}", []).append(seconds)
+                samples.setdefault(f"{workload.name}.{stage}", []).append(seconds)
             if count is not None:
-                keypoints[contender.name] = count
-    # By contender in the order given, whichever round came first.
-    order = [contender.name for contender in contenders]
+                keypoints[workload.name] = count
+    # By workload in the order given, whichever round came first.
+    order = [workload.name for workload in workloads]
     names = sorted(samples, key=lambda name: order.index(name.partition(".")[0]))
     return {name: samples[name] for name in names}, keypoints
 

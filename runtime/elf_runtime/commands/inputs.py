@@ -1,4 +1,4 @@
-"""From what stands on a command line to image files, and to a name of its own for each one's output."""
+"""The image files that a command line names, and for each a name of its own for its results."""
 
 from __future__ import annotations
 
@@ -12,9 +12,12 @@ from pathlib import Path
 from elf_runtime.files.write import real
 from elf_runtime.results.features import load_record
 
-from ._common import IMAGE_SUFFIXES
 from .command import UsageError
 
+# What `cv2.imread` of every build decodes; a folder may hold other files too.
+IMAGE_SUFFIXES = frozenset(
+    (".bmp", ".jpeg", ".jpg", ".jp2", ".pbm", ".pgm", ".png", ".pnm", ".ppm", ".tif", ".tiff", ".webp")
+)
 # What builds of OpenCV may decode too, where such files are named.
 _OTHER_SUFFIXES = frozenset((".avif", ".exr", ".gif", ".hdr", ".jpe", ".pam", ".pfm", ".pic", ".ras", ".sr"))
 
