@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from elf_runtime import InputSpec
 from elf_runtime.errors import ImageError
-from elf_runtime.image.convert import is_flat, named, read, resized, to_pixels
+from elf_runtime.image.convert import image_errors, is_flat, read, resized, to_pixels
 
 from .errors import ExportError
 
@@ -104,7 +104,7 @@ def decoded(path: Path) -> npt.NDArray[Any]:
     """
     try:
         image = read(path)
-        with named(path):
+        with image_errors(path):
             to_pixels(image, InputSpec())
     except ImageError as error:
         raise ExportError(str(error)) from error

@@ -111,13 +111,13 @@ class Runs:
 
 def test_memory_is_given_back_where_sizes_differ_much_and_not_else(monkeypatch: pytest.MonkeyPatch) -> None:
     elf, found = ElfRuntime(TINY, threads=1, sizes=0), list[tuple[int, int, bool]]()
-    real = elf._sessions.get
+    real = elf._network.sessions.get
 
     def spy(*args: Any, **options: Any) -> Any:
         session, run_options = real(*args, **options)
         return Runs(session, found), run_options
 
-    monkeypatch.setattr(elf._sessions, "get", spy)
+    monkeypatch.setattr(elf._network.sessions, "get", spy)
     sides = [
         (64, False), (80, False), (130, True), (64, False), (72, False), (90, False), (91, False), (60, True),
         (80, False),
@@ -125,7 +125,7 @@ def test_memory_is_given_back_where_sizes_differ_much_and_not_else(monkeypatch: 
     for side, _ in sides:
         elf.detect(textured(side, side))
     assert found == [(side, side, shrinks) for side, shrinks in sides]
-    monkeypatch.setattr(elf._sessions, "_is_cpu", False)
+    monkeypatch.setattr(elf._network.sessions, "_is_cpu", False)
     elf.detect(textured(200, 200))
     assert found[-1] == (200, 200, False)
 
@@ -188,7 +188,7 @@ def test_a_batch_is_no_other_size(monkeypatch: pytest.MonkeyPatch) -> None:
     for found, wanted in zip(batch, alone, strict=True):
         np.testing.assert_allclose(found.keypoints, wanted.keypoints, atol=1e-3)
     elf.warmup((48, 80))
-    assert len(elf._sessions) == 1
+    assert len(elf._network.sessions) == 1
     for _ in range(2):
         elf.detect_batch(images[:4])
     elf.detect_batch(images[4:])
@@ -202,7 +202,7 @@ def test_images_of_ever_new_sizes_share_one_session(monkeypatch: pytest.MonkeyPa
         elf.detect(textured(side, 80))
     elf.detect_batch([textured(70, 80, seed) for seed in range(2)])
     assert opened == [{"N": 1, "H": 64, "W": 80}, {}]
-    assert len(elf._sessions) == 2
+    assert len(elf._network.sessions) == 2
 
 
 def test_a_size_that_comes_again_gets_its_session(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -212,7 +212,7 @@ def test_a_size_that_comes_again_gets_its_session(monkeypatch: pytest.MonkeyPatc
     for image in (a, b, a, b, a, b):
         elf.detect(image)
     assert opened == [{"N": 1, "H": 64, "W": 80}, {}, {"N": 1, "H": 48, "W": 80}]
-    assert len(elf._sessions) == 2  # the one of any size has gone
+    assert len(elf._network.sessions) == 2  # the one of any size has gone
     del opened[:]
     for image in (c, a, b) * 3:  # more than are kept: none is among the last two when it comes again
         elf.detect(image)
@@ -241,7 +241,7 @@ def test_the_bundled_model_gives_the_same_bits_in_the_session_of_any_size() -> N
     elf, image = ElfRuntime(threads=1), textured(120, 160)
     elf.detect(textured(96, 128))
     any_size, own = elf.trace(image), elf.trace(image)
-    assert len(elf._sessions) == 2
+    assert len(elf._network.sessions) == 2
     assert len(own.features) > 20
     np.testing.assert_array_equal(any_size.saliency, own.saliency)
     np.testing.assert_array_equal(any_size.features.keypoints, own.features.keypoints)
@@ -280,9 +280,9 @@ def test_the_session_of_any_size_goes_when_one_of_a_size_opens(monkeypatch: pyte
     """On other providers than the CPU, the session that checks the model is a whole one."""
     monkeypatch.setattr(sessions, "is_cpu", lambda _: False)
     elf = ElfRuntime(TINY, threads=1)
-    assert len(elf._sessions) == 1
+    assert len(elf._network.sessions) == 1
     elf.detect(textured(64, 80))
-    assert len(elf._sessions) == 1
+    assert len(elf._network.sessions) == 1
 
 
 def test_a_part_of_the_graph_costs_the_whole_one_no_session(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -348,7 +348,7 @@ def test_a_copy_opens_the_same_model(tmp_path: Path, given: str, copied: Any) ->
     path.unlink()
     other = copied(elf)
     assert repr(other) == repr(elf)
-    assert other._given == elf._given
+    assert other._network.given == elf._network.given
     np.testing.assert_array_equal(other.detect(image, border=4).keypoints, elf.detect(image, border=4).keypoints)
 
 

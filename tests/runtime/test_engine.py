@@ -28,7 +28,7 @@ from elf_runtime import (
     preset,
 )
 from elf_runtime.detection.refine import parabola_peaks
-from elf_runtime.detection.work import prepared
+from elf_runtime.detection.working_image import prepare
 from elf_runtime.model.onnx_file import read_onnx
 from helpers import TINY, textured
 
@@ -159,11 +159,11 @@ def test_a_border_of_more_rows_than_columns(elf: ElfRuntime) -> None:
     """Rounded to whole working pixels, the border can differ between rows and columns."""
     image, settings = textured(101, 140), {"scale": 0.52, "border": 10, "nms_radius": 2}
     work = elf._prepare(image, elf.params(**settings), None)
-    rows, columns = work.margin(10)
+    rows, columns = work.scaling.margin(10)
     assert rows != columns
     found = elf.trace(image, **settings)
     assert len(found.features) > 5
-    x, y = np.rint(work.to_working(found.features.keypoints)).astype(int).T
+    x, y = np.rint(work.scaling.to_working(found.features.keypoints)).astype(int).T
     np.testing.assert_array_equal(found.scores[y, x], found.features.scores)
 
 
@@ -176,14 +176,14 @@ def test_a_refined_point_at_the_border_stays(elf: ElfRuntime) -> None:
 
 def test_a_radius_is_at_least_a_working_pixel_where_above_zero(elf: ElfRuntime) -> None:
     work = elf._prepare(textured(160, 200), elf.params(scale=0.25), None)
-    assert [work.radius(r) for r in (0, 1, 4, 6, 10_000)] == [0, 1, 1, 2, 50]
+    assert [work.scaling.radius(r) for r in (0, 1, 4, 6, 10_000)] == [0, 1, 1, 2, 50]
 
 
 def test_the_radius_of_a_model_of_one_size_is_in_source_pixels() -> None:
     contract = ModelContract("net", "layer", 2.0, input=InputSpec(height=60, width=80))
-    work = prepared(textured(120, 160), DetectionParams(), None, contract, "m.onnx")
-    assert work.scale == 0.5
-    assert work.radius(10) == 5
+    work = prepare(textured(120, 160), DetectionParams(), None, contract, "m.onnx")
+    assert work.scaling.scale == 0.5
+    assert work.scaling.radius(10) == 5
 
 
 def test_without_border_and_mask_every_place_is_refined(elf: ElfRuntime, image: np.ndarray) -> None:
@@ -244,7 +244,7 @@ def test_a_preset_s_scale_is_the_same_for_every_call(elf: ElfRuntime, image: np.
 def test_a_preset_s_scale_is_not_for_a_model_of_one_size(monkeypatch: pytest.MonkeyPatch, image: np.ndarray) -> None:
     elf = ElfRuntime(TINY, threads=1)
     spec = replace(elf.contract.input, height=60, width=80)
-    monkeypatch.setattr(elf, "contract", replace(elf.contract, input=spec))
+    monkeypatch.setattr(elf._network, "contract", replace(elf.contract, input=spec))
     for name in ("fast", "accurate"):
         assert elf.trace(image, preset=name).saliency.shape == (60, 80)
         assert elf.params(name) == preset(name).updated(scale=1.0)
@@ -329,8 +329,8 @@ def test_a_session_for_each_size_changes_nothing_and_is_bounded(image: np.ndarra
         part = image[: 60 + 10 * k, : 90 + k]
         assert np.allclose(one.saliency(part), none.saliency(part), rtol=0, atol=1e-4)
         assert same(one.detect(part, border=4), none.detect(part, border=4), 1e-3)
-        assert len(one._sessions) <= 5  # two sizes for each of two sets of outputs, and all outputs
-        assert len(none._sessions) <= 3  # all outputs, the default ones, the saliency
+        assert len(one._network.sessions) <= 5  # two sizes for each of two sets of outputs, and all outputs
+        assert len(none._network.sessions) <= 3  # all outputs, the default ones, the saliency
     for sizes in (-1, True, 1.5):
         with pytest.raises(SettingError, match="sizes"):
             ElfRuntime(TINY, sizes=sizes)  # type: ignore[arg-type]
@@ -489,7 +489,7 @@ def test_a_network_that_fails_says_why_in_one_line(
             raise error
 
     elf = ElfRuntime(TINY)
-    monkeypatch.setattr(elf._sessions, "get", lambda *_: (Failing(), None))
+    monkeypatch.setattr(elf._network.sessions, "get", lambda *_: (Failing(), None))
     with pytest.raises(ElfError) as caught:
         elf.detect(textured(64, 80))
     assert str(caught.value) == f"{TINY}: the network failed on a (1, 64, 80, 3) input: {text}"

@@ -15,10 +15,10 @@ import onnxruntime as ort
 
 from elf_runtime.checks.agreement import compare, pattern
 from elf_runtime.contract import SCHEMA_VERSION, ModelContract
-from elf_runtime.detection.work import prepared
+from elf_runtime.detection.working_image import prepare
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError
-from elf_runtime.image.convert import named, read
+from elf_runtime.image.convert import image_errors, read
 from elf_runtime.model.coverage import measure
 from elf_runtime.model.onnx_file import OnnxFile, Tensor, read_onnx
 from elf_runtime.model.ort_format import is_ort_format, to_ort
@@ -88,8 +88,8 @@ def _work(args: argparse.Namespace) -> int:
         report |= {"schema": SCHEMA_VERSION, "contract": dataclasses.asdict(contract)}
         report["gflop_per_megapixel"] = gflop_per_megapixel(contract)
         if args.image is not None:
-            with named(args.image):
-                prepared(image, contract.detection, None, contract, str(path))
+            with image_errors(args.image):
+                prepare(image, contract.detection, None, contract, str(path))
         asked: Provider | None = (args.provider, options) if options else args.provider
         wanted = resolve_providers(asked, fallback=False) if asked else ort.get_available_providers()
         runs = [_measured(path, contract, provider, image) for provider in wanted]
@@ -145,7 +145,7 @@ def gflop_per_megapixel(contract: ModelContract) -> dict[str, float]:
 
 
 def _graph(file: OnnxFile) -> dict[str, Any]:
-    def named(tensors: Sequence[Tensor]) -> dict[str, Any]:
+    def by_name(tensors: Sequence[Tensor]) -> dict[str, Any]:
         return {t.name: {"dtype": t.dtype, "dims": list(t.dims)} for t in tensors}
 
     by_dtype: dict[str, dict[str, int]] = {}
@@ -158,8 +158,8 @@ def _graph(file: OnnxFile) -> dict[str, Any]:
         "ir_version": file.ir_version,
         "opsets": file.opsets,
         "producer": file.producer,
-        "inputs": named(file.inputs),
-        "outputs": named(file.outputs),
+        "inputs": by_name(file.inputs),
+        "outputs": by_name(file.outputs),
         "ops": file.op_counts(),
         "stored": by_dtype,
     }

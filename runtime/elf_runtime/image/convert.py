@@ -25,7 +25,7 @@ _ROUNDING = 1e-6  # how far float pixels may lie outside [0, 1], where they are 
 
 
 @contextmanager
-def named(image: ImageLike, place: str = "") -> Iterator[None]:
+def image_errors(image: ImageLike, place: str = "") -> Iterator[None]:
     """What is wrong with the image is said of its path, or of `place` in a batch."""
     label = place if isinstance(image, np.ndarray) else os.fsdecode(image)
     try:

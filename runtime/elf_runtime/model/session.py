@@ -182,7 +182,7 @@ def open_session(
         text = f"{first} is installed but did not start (see onnxruntime's log); active are {active}"
         if not fallback:
             raise ProviderError(text)
-        warnings.warn(text, RuntimeWarning, stacklevel=5)
+        warnings.warn(text, RuntimeWarning, stacklevel=6)
     return session, name
 
 

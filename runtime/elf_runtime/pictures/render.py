@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from elf_runtime.engine import Trace
 from elf_runtime.results.features import Features
+from elf_runtime.results.trace import Trace
 
 from .canvas import DARK, Color, Picture, circle, distinct_colors, line, side_by_side, strength_colors, titled
 

@@ -103,7 +103,7 @@ def test_a_photograph_gets_the_size_asked_for(tmp_path: Path, capsys: pytest.Cap
 @pytest.mark.parametrize(("more", "spin"), [([], None), (["--spin"], True)])
 def test_every_size_has_its_session_and_threads_spin_as_by_default(more: list[str], spin: bool | None) -> None:
     args = build_parser().parse_args(["--sizes", "48x64,64x48,64x64", "--threads", "1", *more])
-    _, options, count = _open(str(TINY), args)._given
+    _, options, count = _open(str(TINY), args)._network.given
     assert (options["spin"], options["threads"], count) == (spin, 1, 3)
 
 
