@@ -534,3 +534,4 @@ def test_a_model_that_can_t_be_cut_runs_whole(
     whole = ElfRuntime(TINY, threads=1)
     np.testing.assert_allclose(whole.describe(image, points), wanted, atol=1e-5)
     np.testing.assert_allclose(whole.saliency(image), saliency, atol=1e-4)
+    assert len(whole._network.sessions) == 1

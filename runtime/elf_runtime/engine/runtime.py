@@ -30,7 +30,7 @@ class ElfRuntime(OpenedModel):
     model again.
 
     `detect` runs the whole graph; the first call of `saliency` or `describe` opens a session of that part of the graph
-    alone.  A model in ORT format can't be cut: there they run the whole graph too.
+    alone.  A model in ORT format, or with nodes like If and Loop, can't be cut: there they run the whole graph too.
     """
 
     def detect(

@@ -83,6 +83,7 @@ class Sessions:
         except Exception as error:  # text that is not UTF-8, and what else ONNX Runtime can't tell of a model
             raise ModelError(f"{name}: what it says of itself can't be read: {first_line(error)}") from error
         self._all = frozenset(tensor.name for tensor in self.outputs)
+        self._cuts: dict[frozenset[str], frozenset[str]] = {}  # outputs asked for -> those computed
         first = self.inputs[0].shape if self.inputs else []
         self._dims = [dim if isinstance(dim, str) else None for dim in first[:3]]
         self._at_once = self._sizes > 0 and not provisional
@@ -119,9 +120,9 @@ class Sessions:
         session of any size gives its memory back after an image much larger than the last, or much smaller than one
         before.
         """
-        wanted = frozenset(outputs) if self._divisible else self._all
         alone, size = shape[0] == 1, shape[1:]
         with self._opening:
+            wanted = self._computed_for(outputs)
             key: _Key = (wanted, None, False)
             if self._sizes:
                 own: _Key = (wanted, size, alone)
@@ -131,18 +132,24 @@ class Sessions:
             if session is None:
                 fixed = zip(self._dims, shape, (alone, True, True), strict=True) if key[1] else ()
                 dims = {name: side for name, side, known in fixed if name and known}
-                part = self._model if wanted == self._all else self._cut(outputs)
+                part = self._model if wanted == self._all else with_outputs(self._model, outputs, self._name)
                 session = open_session(part, **self._options, dims=dims, name=self._name)[0]
                 self._make_room(wanted, key[1])
             self._open[key] = session
             return session, None if key[1] else self._shrinking(key, math.prod(shape))
 
-    def _cut(self, outputs: Sequence[str]) -> bytes:
-        """The part of the model for these outputs; all of it where nodes have graphs of their own (If, Loop)."""
-        try:
-            return with_outputs(self._model, outputs, self._name)
-        except ModelError:
-            return self._model
+    def _computed_for(self, outputs: Sequence[str]) -> frozenset[str]:
+        """What a session for these outputs computes: all, where the model can't be cut down to them."""
+        wanted = frozenset(outputs)
+        if not self._divisible or wanted == self._all:
+            return self._all
+        if wanted not in self._cuts:
+            try:
+                with_outputs(self._model, outputs, self._name)
+                self._cuts[wanted] = wanted
+            except ModelError:  # nodes with graphs of their own (If, Loop)
+                self._cuts[wanted] = self._all
+        return self._cuts[wanted]
 
     def _shrinking(self, key: _Key, pixels: int) -> ort.RunOptions | None:
         last, kept = self._pixels.get(key, (pixels, 0))
