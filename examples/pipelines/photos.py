@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_runtime import ElfRuntime, Features, match
-from elf_runtime.image.convert import image_errors, read
+from elf_runtime.image.file import image_errors, read
 
 RATIO = 0.9  # repeated texture has second neighbours that are nearly as near: no match is better than a wrong one
 

@@ -19,7 +19,8 @@ import numpy.typing as npt
 
 from elf_runtime import InputSpec
 from elf_runtime.errors import ImageError
-from elf_runtime.image.convert import image_errors, is_flat, read, resized, to_pixels
+from elf_runtime.image.convert import is_flat, resized, to_pixels
+from elf_runtime.image.file import image_errors, read
 
 from .errors import ExportError
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import SettingError
-from elf_runtime.image.convert import ImageLike
+from elf_runtime.image.file import ImageLike
 from elf_runtime.results.features import Features
 
 SAME, NEAR = 0.5, 1.0  # pixels of the source image

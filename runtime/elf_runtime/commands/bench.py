@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.image import convert as images
+from elf_runtime.image import read
 from elf_runtime.pictures.render import displayable
 from elf_runtime.timing.environment import environment, usable_cores
 from elf_runtime.timing.fresh_process import peak_memory, start_up
@@ -25,7 +25,9 @@ from elf_runtime.timing.statistics import paired_ratio, summary
 from . import command, options
 from .bench_table import table
 from .bench_workloads import PEERS, Image, float_model, ours, peers, saliencies, synthetic, torch_peer
+from .command import UsageError
 from .outputs import check_outputs, write_picture
+from .terminal import say
 
 DESCRIPTION = """\
 Time a model stage by stage, beside other detectors where they are installed.
@@ -52,7 +54,7 @@ peers
   sift, orb    OpenCV's, detectAndCompute on the grey image, at most 500 keypoints"""
 
 
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> command.Parser:
     parser = command.new_parser("elf-bench", DESCRIPTION, EPILOG)
     parser.add_argument(
         "--sizes",
@@ -110,8 +112,8 @@ def _work(args: argparse.Namespace) -> int:
     least = elf.contract.input.min_size
     for height, width in args.sizes:
         if min(height, width) < least:
-            raise command.UsageError(f"--sizes {height}x{width}: the smallest size of this model is {least}x{least}")
-    photo = displayable(images.read(args.image)) if args.image else None
+            raise UsageError(f"--sizes {height}x{width}: the smallest size of this model is {least}x{least}")
+    photo = displayable(read(args.image)) if args.image else None
     report: dict[str, Any] = {
         "model": {
             "file": args.model or "bundled",
@@ -134,7 +136,7 @@ def _work(args: argparse.Namespace) -> int:
             torch_saliency, note = torch_peer(file, args.threads)
             report["peers"]["torch"] = note
             if torch_saliency is None and args.peers:
-                raise command.UsageError(f"--peers torch: {note}")
+                raise UsageError(f"--peers torch: {note}")
             if torch_saliency is not None and file != args.model:
                 twin = _open(file, args)
         lanes: list[_Lane] = []
@@ -151,7 +153,7 @@ def _work(args: argparse.Namespace) -> int:
                 entry["saliency_agreement"] = _agreement(lane.image, twin or elf, torch_saliency)
             entry["memory"] = peak_memory(args.model, args.provider, args.threads, lane.image.shape[:2])
             report["sizes"].append(entry)
-    command.say(table(report), sys.stderr if args.json == "-" else sys.stdout)
+    say(table(report), sys.stderr if args.json == "-" else None)
     if args.json:
         command.write_json(args.json, report)
     return 0
@@ -161,7 +163,7 @@ def _peer_names(text: str | None) -> list[str]:
     names = list(PEERS) if text is None else [] if text == "none" else [n.strip() for n in text.split(",")]
     for name in names:
         if name not in PEERS:
-            raise command.UsageError(f"--peers: unknown peer {name!r}; known are {', '.join(PEERS)}, or none")
+            raise UsageError(f"--peers: unknown peer {name!r}; known are {', '.join(PEERS)}, or none")
     return names
 
 

@@ -16,14 +16,15 @@ import numpy as np
 
 import elf_runtime
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.errors import ElfError, ImageError, printable, reason
-from elf_runtime.files.write import file_sha256
+from elf_runtime.errors import ElfError, printable
+from elf_runtime.image.file import ImageFile
 from elf_runtime.pictures.render import detection_picture
 from elf_runtime.results.features import load_record
 
 from . import command, options
 from .inputs import check_pictures, image_files
 from .outputs import check_outputs, short_name, write_picture
+from .terminal import say
 
 DESCRIPTION = """\
 Detect ELF keypoints in images and describe them.
@@ -50,7 +51,7 @@ examples:
 exit status: 0 if every image was done, 1 if some could not be, 2 on a wrong command line"""
 
 
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> command.Parser:
     parser = command.new_parser("elf-detect", DESCRIPTION, EPILOG)
     parser.add_argument("images", nargs="+", metavar="IMAGE", help="image file, folder of images, or pattern")
     parser.add_argument(
@@ -117,7 +118,7 @@ def _work(args: argparse.Namespace) -> int:
             results.append({"image": str(path), "error": text})
             continue
         results.append(result)
-        command.say(_line(result), progress)
+        say(_line(result), progress)
     if args.json:
         images = [{k: v for k, v in result.items() if k != "fewer"} for result in results]
         command.write_json(args.json, {**options.origin(elf, args), "images": images})
@@ -159,15 +160,13 @@ class _Run:
         """
         start = time.perf_counter()
         files = [f"{stem}.{ending}" for ending in _endings(self._args)]
-        record = self._record | {"image": os.path.realpath(path), "elf-onnx": elf_runtime.__version__}
-        try:
-            record["image_sha256"] = file_sha256(path)
-        except OSError as error:
-            raise ImageError(f"{path}: {reason(error)}") from error
+        image = ImageFile(path, self._args.max_pixels)
+        record = self._record | {"image": os.path.realpath(path), "image_sha256": image.sha256}
+        record["elf-onnx"] = elf_runtime.__version__
         if self._existing(record, files):
             self._written[files[0]] = record["image"]
             return {"image": str(path), "files": files, "skipped": True}
-        pixels = options.read_image(path, self._args)
+        pixels = image.decoded(self._args.ignore_exif)
         read = time.perf_counter() - start
         trace = self._elf.trace(pixels, mask=self._mask, **options.settings(self._args))
         seconds = time.perf_counter() - start

@@ -20,7 +20,9 @@ from elf_runtime.results.matching import match
 from elf_runtime.results.two_view import LEAST_MATCHES, TwoView, fit
 
 from . import command, options
+from .command import UsageError
 from .outputs import check_outputs, short_name, write_picture
+from .terminal import say
 
 DESCRIPTION = """\
 Match the ELF keypoints of two images (mutual nearest neighbours in descriptor space), count the matches, and draw
@@ -44,7 +46,7 @@ command line
 scores_a and scores_b (M,), inliers (M,), and the fitted matrix (3, 3), NaN where there is none."""
 
 
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> command.Parser:
     parser = command.new_parser("elf-match", DESCRIPTION, EPILOG)
     parser.add_argument("a", metavar="A", help="first image")
     parser.add_argument("b", metavar="B", help="second image")
@@ -73,16 +75,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _work(args: argparse.Namespace) -> int:
     if args.ransac_threshold is not None and not args.ransac:
-        raise command.UsageError("--ransac-threshold needs --ransac homography or --ransac fundamental")
+        raise UsageError("--ransac-threshold needs --ransac homography or --ransac fundamental")
     reach = 3.0 if args.ransac_threshold is None else args.ransac_threshold
     if not 0.0 < reach < float("inf"):
-        raise command.UsageError(f"--ransac-threshold {reach:g}: a distance in pixels is above 0")
+        raise UsageError(f"--ransac-threshold {reach:g}: a distance in pixels is above 0")
     if args.save and args.save.suffix != ".npz":
-        raise command.UsageError(f"--save {args.save}: matches are saved as .npz")
+        raise UsageError(f"--save {args.save}: matches are saved as .npz")
     if args.ratio is not None and not 0.0 < args.ratio < 1.0:
-        raise command.UsageError(f"--ratio {args.ratio:g}: a ratio lies between 0 and 1")
+        raise UsageError(f"--ratio {args.ratio:g}: a ratio lies between 0 and 1")
     if args.output and not cv2.haveImageWriter(f"x{args.output.suffix}"):
-        raise command.UsageError(f"-o {args.output}: no image format has this ending; use .png or .jpg")
+        raise UsageError(f"-o {args.output}: no image format has this ending; use .png or .jpg")
     check_outputs(
         {"-o": [args.output], "--save": [args.save], "--json": [args.json]},
         {"an input image": [args.a, args.b], "the model": [args.model]},
@@ -113,7 +115,7 @@ def _work(args: argparse.Namespace) -> int:
     written = ", ".join(str(path) for path in (args.output, args.save) if path)
     line = f"{args.a}: {len(first)} keypoints, {args.b}: {len(second)} keypoints, {text}{at_best}"
     line = printable(line + (f" -> {written}" if written else ""))
-    command.say(line, sys.stderr if args.json == "-" else sys.stdout)
+    say(line, sys.stderr if args.json == "-" else None)
     if args.json:
         command.write_json(args.json, _summary(args, elf, (first, second), len(pairs), view))
     return 0

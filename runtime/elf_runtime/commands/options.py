@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import SettingError
-from elf_runtime.image import convert as images
-from elf_runtime.image.convert import MAX_PIXELS
+from elf_runtime.image.file import MAX_PIXELS, read
 from elf_runtime.params import SETTINGS, DetectionParams, parse_setting, parse_value
 from elf_runtime.presets import PRESETS
 
@@ -81,7 +80,7 @@ def add_image_options(parser: argparse.ArgumentParser) -> None:
 
 def read_image(path: str | Path, args: argparse.Namespace) -> npt.NDArray[Any]:
     """The pixels of a file, as `image.read`, by the options of `add_image_options`."""
-    return images.read(path, ignore_exif=args.ignore_exif, max_pixels=args.max_pixels)
+    return read(path, ignore_exif=args.ignore_exif, max_pixels=args.max_pixels)
 
 
 def settings(args: argparse.Namespace) -> dict[str, Any]:

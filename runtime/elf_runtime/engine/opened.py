@@ -11,8 +11,7 @@ import numpy.typing as npt
 from elf_runtime.contract import ModelContract
 from elf_runtime.detection.working_image import WorkingImage, prepare
 from elf_runtime.errors import SettingError
-from elf_runtime.image import convert as images
-from elf_runtime.image.convert import ImageLike
+from elf_runtime.image.file import MAX_PIXELS, ImageLike, check_pixels, image_errors, read
 from elf_runtime.model.network import Network
 from elf_runtime.model.session import Provider, read_model
 from elf_runtime.params import DetectionParams, is_int
@@ -32,7 +31,7 @@ class OpenedModel:
         spin: bool | None = None,
         fallback: bool = False,
         sizes: int = 2,
-        max_pixels: int | None = images.MAX_PIXELS,
+        max_pixels: int | None = MAX_PIXELS,
     ) -> None:
         """Open and check a model.
 
@@ -135,7 +134,7 @@ class OpenedModel:
         """Read the image and make it ready; `place` says which of a batch it is, for what is wrong with it."""
         watch = watch or Stopwatch()
         with watch("read"):
-            pixels = images.read(image, max_pixels=self._max_pixels)
-        with watch("prepare"), images.image_errors(image, place):
-            images.check_pixels(pixels.shape, self._max_pixels)
+            pixels = read(image, max_pixels=self._max_pixels)
+        with watch("prepare"), image_errors(image, place):
+            check_pixels(pixels.shape, self._max_pixels)
             return prepare(pixels, params, mask, self.contract, self._network.name)

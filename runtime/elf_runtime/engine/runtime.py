@@ -15,7 +15,8 @@ from elf_runtime.detection.descriptors import DescriptorMap, as_points
 from elf_runtime.detection.detect import detect, nothing_found
 from elf_runtime.detection.working_image import WorkingImage
 from elf_runtime.errors import ImageError, SettingError
-from elf_runtime.image.convert import Array, ImageLike
+from elf_runtime.image.convert import Array
+from elf_runtime.image.file import ImageLike
 from elf_runtime.params import DetectionParams, is_int
 from elf_runtime.results.features import Features
 from elf_runtime.results.trace import Stopwatch, Trace

@@ -5,6 +5,6 @@ May import the contract, `files` and errors.
 
 from __future__ import annotations
 
-from .convert import read
+from .file import read
 
 __all__ = ["read"]
