@@ -13,7 +13,7 @@ import onnxruntime as ort
 import pytest
 
 from elf_runtime import ElfRuntime, preset
-from elf_runtime.model.session import bundled_model
+from elf_runtime.model import bundled_model
 from helpers import ROOT
 
 PALACE = cv2.imread(str(ROOT / "demo" / "palace.jpg"))

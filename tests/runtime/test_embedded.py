@@ -20,8 +20,7 @@ import pytest
 
 from elf_runtime import ElfRuntime, ModelError
 from elf_runtime.checks.agreement import compare, pattern
-from elf_runtime.model import sessions
-from elf_runtime.model.session import bundled_model
+from elf_runtime.model import bundled_model, sessions
 from helpers import ROOT, TINY, textured
 
 STATUS = Path("/proc/self/status")

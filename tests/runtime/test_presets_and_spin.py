@@ -11,8 +11,9 @@ import onnxruntime as ort
 import pytest
 
 from elf_runtime import PRESETS, DetectionParams, ElfRuntime, ProviderError, preset
-from elf_runtime.model import sessions
-from elf_runtime.model.session import bundled_model, open_session, resolve_providers
+from elf_runtime.model import bundled_model, sessions
+from elf_runtime.model.providers import resolve_providers
+from elf_runtime.model.session import open_session
 from helpers import TINY, textured
 
 

@@ -13,7 +13,7 @@ from elf_eval.errors import EvalError
 from elf_eval.features import LocalFeatures
 from elf_eval.spec import Spec, file_digest
 from elf_runtime import ElfError, ElfRuntime, SettingError
-from elf_runtime.model.session import BUNDLED, bundled_model
+from elf_runtime.model.bundled import BUNDLED, bundled_model
 
 from .base import Method, code_digest
 

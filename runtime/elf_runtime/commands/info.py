@@ -19,10 +19,11 @@ from elf_runtime.detection.working_image import prepare
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError
 from elf_runtime.image.file import image_errors, read
+from elf_runtime.model import bundled_model
 from elf_runtime.model.coverage import measure
 from elf_runtime.model.onnx_file import OnnxFile, Tensor, read_onnx
 from elf_runtime.model.ort_format import is_ort_format, to_ort
-from elf_runtime.model.session import Provider, bundled_model, is_cpu, resolve_providers
+from elf_runtime.model.providers import Provider, is_cpu, resolve_providers
 
 from . import command
 from .command import UsageError

@@ -13,7 +13,8 @@ from elf_runtime.detection.working_image import WorkingImage, prepare
 from elf_runtime.errors import SettingError
 from elf_runtime.image.file import MAX_PIXELS, ImageLike, check_pixels, image_errors, read
 from elf_runtime.model.network import Network
-from elf_runtime.model.session import Provider, read_model
+from elf_runtime.model.providers import Provider
+from elf_runtime.model.session import read_model
 from elf_runtime.params import DetectionParams, is_int
 from elf_runtime.presets import preset
 from elf_runtime.results.trace import Stopwatch

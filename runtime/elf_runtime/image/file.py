@@ -79,7 +79,7 @@ class ImageFile:
     @property
     def sha256(self) -> str:
         """SHA-256 of the file's bytes."""
-        return hashlib.sha256(memoryview(self._data)).hexdigest()
+        return hashlib.sha256(self._data.data).hexdigest()
 
     def decoded(self, ignore_exif: bool = False) -> npt.NDArray[Any]:
         """The pixels, as `read` gives them."""

@@ -14,7 +14,8 @@ import numpy as np
 from elf_runtime.contract import ModelContract
 from elf_runtime.errors import ElfError, ModelError, first_line
 
-from .session import Provider, open_session
+from .providers import Provider
+from .session import open_session
 
 
 @dataclass(frozen=True)

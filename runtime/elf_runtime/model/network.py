@@ -13,7 +13,7 @@ from elf_runtime.errors import ElfError, first_line
 
 from .bundled import read_bundled
 from .outputs import check_map, check_saliency
-from .session import Provider, is_cpu, resolve_providers
+from .providers import Provider, is_cpu, resolve_providers
 from .sessions import Sessions
 
 Array = npt.NDArray[np.float32]

@@ -16,7 +16,8 @@ from elf_runtime.errors import ModelError, first_line
 from .forking import forgets_when_forked
 from .onnx_file import has_external_data
 from .ort_format import is_ort_format
-from .session import is_cpu, open_session
+from .providers import is_cpu
+from .session import open_session
 from .subgraph import with_outputs
 
 Shape = tuple[int, ...]

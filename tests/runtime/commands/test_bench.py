@@ -23,8 +23,8 @@ from elf_runtime.commands.bench_workloads import (
     synthetic,
     torch_peer,
 )
+from elf_runtime.model import bundled_model
 from elf_runtime.model.ort_format import to_ort
-from elf_runtime.model.session import bundled_model
 from elf_runtime.timing import fresh_process
 from elf_runtime.timing.fresh_process import peak_memory, start_up
 from elf_runtime.timing.interleave import interleaved, with_sums
