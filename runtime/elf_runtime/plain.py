@@ -80,7 +80,9 @@ def _record(kind: Any, data: Any, where: str, ignore_unknown: bool) -> Any:
 
 
 def _read(kind: Any, value: Any, where: str, ignore_unknown: bool) -> Any:
-    if is_dataclass(kind):
+    if isinstance(kind, type) and is_dataclass(kind):
+        if isinstance(value, kind):
+            return value
         if hasattr(kind, "from_dict") and isinstance(value, Mapping):
             return kind.from_dict(value)
         return _record(kind, value, where, ignore_unknown)

@@ -194,7 +194,7 @@ class _Run:
         }
 
     def _why_fewer(self, count: int) -> str:
-        """Who asks for 2000 and gets 413 wants to know why."""
+        """Why there are fewer keypoints than the user asked for; empty where there are not."""
         if not self._asked or count >= self._params.max_keypoints:
             return ""
         masked = " and the mask" if self._mask is not None else ""

@@ -29,12 +29,12 @@ def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | 
     ----------
     arguments : sequence of str
     recursive : bool
-        Whether a folder's subfolders count, links to folders not; hidden files and folders never do, nor pictures that
-        elf-detect wrote.
+        Whether to look into the subfolders of folders, though not through links.  Hidden files and folders never count,
+        nor do pictures that elf-detect wrote.
     base : Path, optional
         See below.
 
-    A file that is named stays in the list even if it does not exist: its error belongs to it alone.
+    A file that is named stays in the list even if it does not exist, so that its error stops no other.
 
     Returns
     -------

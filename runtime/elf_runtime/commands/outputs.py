@@ -28,7 +28,7 @@ def check_outputs(
     inputs : mapping
         What they are, in words -> files.
     made : Path, optional
-        The folder of ``-o``, which the command makes, with those above and below it, before it writes.
+        The folder of ``-o``.  The command makes it, and those above and below it, before it writes.
 
     Raises
     ------

@@ -21,7 +21,7 @@ _BLOCK = 1 << 15
 
 @dataclass(frozen=True)
 class DescriptorMap:
-    """A model's descriptor map of one image, (h, w, D); `model` is how messages call the model."""
+    """A descriptor map (h, w, D) of one image; `model` is the model's name for messages."""
 
     values: Array
     spec: DescriptorSpec

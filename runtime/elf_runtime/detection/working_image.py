@@ -86,7 +86,7 @@ def prepare(
     image : array, as `image.read` gives it
     mask : (H, W), optional
     model : str
-        How messages call the model.
+        The model's name for messages.
 
     Raises
     ------

@@ -10,12 +10,12 @@ from pathlib import Path
 
 
 def real(path: str | os.PathLike[str]) -> Path:
-    """The path without links, ``.`` and ``..``; as far as it goes into a loop of links, where `Path.resolve` raises."""
+    """The path with links, ``.`` and ``..`` resolved.  A loop of links ends it, where `Path.resolve` raises."""
     return Path(os.path.realpath(path))
 
 
 def existing(folder: Path) -> Path:
-    """`folder`, or the nearest above it that is there: where one that is to be made begins."""
+    """`folder`, or the nearest folder above it that exists."""
     return next(path for path in (folder, *real(folder).parents) if path.exists())
 
 

@@ -1,4 +1,4 @@
-"""From what a user has (grey, 8 or 16 bits, float) to what the graph takes: float32 pixels, NHWC."""
+"""From an image as a user has it (grey, 8 or 16 bits, float) to the pixels that the graph takes: float32, NHWC."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def is_flat(pixels: npt.NDArray[Any]) -> bool:
 
 
 def is_blank(image: npt.NDArray[Any]) -> bool:
-    """Whether it is an image of integers, as `to_pixels` takes it, of one colour; its alpha does not matter."""
+    """Whether an image of integers has one colour only, whatever its alpha."""
     if image.dtype.kind != "u" or image.size == 0:
         return False
     if image.ndim == 2:
@@ -112,7 +112,7 @@ def is_blank(image: npt.NDArray[Any]) -> bool:
 
 
 def unused_range(image: npt.NDArray[Any]) -> float:
-    """By how much 16-bit pixels could be multiplied: many cameras of 10 to 14 bits write them as they are.
+    """The factor that would stretch 16-bit pixels over their range: cameras of 10 to 14 bits often leave it unused.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Image files: sized up before they are decoded, with their bit depth and alpha, and the reason where they can't be."""
+"""Image files: checked before they are decoded, and decoded with their bit depth and alpha."""
 
 from __future__ import annotations
 
@@ -149,9 +149,9 @@ def _opencv(data: npt.NDArray[np.uint8], flags: int) -> npt.NDArray[Any] | None:
 
 
 def _with_alpha(pixels: npt.NDArray[Any], stored: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """`pixels` with the alpha channel of the same file, which OpenCV reads from it as it is `stored` only.
+    """`pixels` with the alpha channel of the same file, which OpenCV decodes only as it is `stored`, not turned.
 
-    The way that the file's orientation turned `pixels` is the one that makes the stored colours equal to them.
+    The turn that makes the stored colours equal to `pixels` is the one that the file's orientation asks for.
     """
     if pixels.ndim == 2:
         pixels = cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR)

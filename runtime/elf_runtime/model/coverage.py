@@ -1,4 +1,4 @@
-"""Which execution provider really runs which node of a model: asked of ONNX Runtime's own profile."""
+"""Which execution provider runs which node of a model, by ONNX Runtime's own profile."""
 
 from __future__ import annotations
 

@@ -18,10 +18,10 @@ Opened = TypeVar("Opened")
 
 
 class Holder(Protocol):
-    """What keeps sessions to run them again."""
+    """An object that keeps sessions."""
 
     def forget(self) -> None:
-        """Give up all sessions, in a child that has just been forked and has one thread."""
+        """Give up all sessions: this is a child that has just been forked, and has one thread."""
 
 
 _sessions: weakref.WeakSet[Any] = weakref.WeakSet()

@@ -38,7 +38,7 @@ class Network:
     Attributes
     ----------
     name : str
-        How messages call the model.
+        The model's name for messages.
     contract : ModelContract
     sessions : Sessions
 

@@ -45,11 +45,11 @@ def open_session(
     optimize : bool
         False opens a session in less than half the time, and memory, to check the model and look at its tensors.
     name : str
-        How messages call a model that is given as bytes.
+        Name, in messages, of a model that is given as bytes.
 
     Returns
     -------
-    session, name : the session, and how error messages call the model
+    session, name : the session, and the model's name for messages
 
     Raises
     ------
@@ -107,7 +107,7 @@ def _options(
 
 
 def read_model(model: str | os.PathLike[str] | bytes) -> tuple[bytes, str]:
-    """The bytes of a model, and how messages call it.
+    """The bytes of a model, and its name for messages.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def _description(source: str | bytes) -> str | None:
 
 
 def _checked(model: str | os.PathLike[str] | bytes, name: str = "<model bytes>") -> tuple[str | bytes, str]:
-    """The model as onnxruntime takes it and its name, after the checks that give the better message."""
+    """The model as onnxruntime takes it, and its name, after checks whose messages are better than onnxruntime's."""
     if isinstance(model, bytes):
         if not model:
             raise ModelError("the model is empty (0 bytes)")

@@ -1,4 +1,4 @@
-"""The sessions of one model: opened when they are needed, for what is asked for, and for the image sizes in use."""
+"""The sessions of one model: one for each set of outputs that is asked for, and for each image size in use."""
 
 from __future__ import annotations
 
@@ -32,23 +32,24 @@ class TensorInfo(NamedTuple):
     shape: list[int | str | None]
 
 
-MUCH_LARGER = 2  # times the pixels: an image whose memory is not worth keeping for others
+MUCH_LARGER = 2  # times the pixels: the memory that such an image took is not worth keeping for others
 
 
 class Sessions:
-    """ONNX Runtime computes every output of a graph, asked for or not, and fuses more where it knows the image's size.
+    """Opens the sessions of a model as they are needed, and keeps those that are likely to be needed again.
 
-    So there is a session for each set of outputs, and of those one for each of the image sizes used last, and a second
-    one where images of that size come in batches.  A size that comes once is not worth one: it runs in a session of any
-    size, which counts as one of the sizes.  The first size of all is expected again, and so is every size on other
-    providers than the CPU, which may compile at length.  A model in ORT format can be neither cut nor given a size: one
-    session serves all.
+    ONNX Runtime computes every output of a graph, asked for or not, and fuses more where it knows the image's size.  So
+    each set of outputs has sessions of its own: one for each of the image sizes used last, and a second one where images
+    of that size come in batches.  A size that comes once is not worth a session.  It runs in one for any size, which
+    counts as one of the sizes.  The first size of all is expected to come again, and so is every size on other providers
+    than the CPU, which may take long to compile.  A model in ORT format can be neither cut nor given a size, so it has
+    one session.  A model whose nodes have graphs of their own (If, Loop) can't be cut.
 
     Parameters
     ----------
     model : bytes
     name : str
-        How messages call the model.
+        The model's name for messages.
     options : mapping
         Of `open_session`, ``providers`` as `resolve_providers` gives them.
     sizes : int
@@ -99,7 +100,7 @@ class Sessions:
         forgets_when_forked(self)
 
     def forget(self) -> None:
-        """Start anew in a forked child: the parent's sessions are not for it, and its lock may be held by nobody."""
+        """Start anew in a forked child: it can't use the parent's sessions, and a thread it lacks may hold the lock."""
         self._open, self._last, self._pixels = {}, {}, {}
         self._opening = threading.Lock()
 

@@ -1,4 +1,4 @@
-"""What pictures are put together from: panels, titles, colours, and drawing at sub-pixel places."""
+"""The parts of pictures: panels, titles, colours, and drawing at sub-pixel places."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def _bgr(column: npt.NDArray[np.uint8]) -> list[Color]:
 
 
 def titled(picture: Picture, text: str, counts: str = "", legend: bool = False) -> Picture:
-    """`picture` under a dark strip with `text` and `counts`; of the text goes what does not fit, from its beginning.
+    """`picture` under a dark strip with `text` and `counts`.  A text that does not fit loses its beginning.
 
     Parameters
     ----------
     counts : str
-        What stands behind the text, whole where there is any room for it.
+        Stands behind the text, and is cut only where it does not fit alone.
     legend : bool
         Explain the colours of `strength_colors` at the strip's right end, where there is room.
     """
@@ -59,13 +59,13 @@ def titled(picture: Picture, text: str, counts: str = "", legend: bool = False) 
 
 
 def drawable(text: str) -> str:
-    """`text` as OpenCV can draw it: of a file name that is not Unicode, and of control characters, ``?`` is left."""
+    """`text` as OpenCV can draw it, with ``?`` for control characters and for what is not Unicode."""
     whole = text.encode("utf-8", "replace").decode()
     return "".join(character if character.isprintable() else "?" for character in whole)
 
 
 def _fitted(text: str, counts: str, width: int) -> str:
-    """`text` and `counts` in so many pixels: of the text its end, behind dots; what is too long even so is cut."""
+    """`text` and `counts` within `width` pixels: of the text only the end, behind dots, and a cut if that is too long."""
     if _text_width(text + counts) <= width:
         return text + counts
     while text and _text_width("..." + text + counts) > width:

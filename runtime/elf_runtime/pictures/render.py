@@ -76,7 +76,7 @@ def draw_keypoints(image: npt.NDArray[Any], features: Features, dim: float = 0.7
 
 
 def draw_mask(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_]) -> Picture:
-    """What passed the threshold in one bright colour, over the dark image.
+    """The pixels that passed the threshold in one bright colour, over the darkened image.
 
     Parameters
     ----------
