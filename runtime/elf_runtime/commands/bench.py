@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import dataclasses
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -12,19 +11,17 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.image import read
 from elf_runtime.pictures.render import displayable
 from elf_runtime.timing.environment import environment, usable_cores
 from elf_runtime.timing.fresh_process import peak_memory, start_up
-from elf_runtime.timing.interleave import Workload, interleaved
-from elf_runtime.timing.statistics import paired_ratio, summary
 
 from . import command, options
+from .bench_sizes import SizeRun, time_in_turn
 from .bench_table import table
-from .bench_workloads import PEERS, Image, float_model, ours, peers, saliencies, synthetic, torch_peer
+from .bench_workloads import PEERS, float_model, ours, peers, saliencies, synthetic, torch_peer
 from .command import UsageError
 from .outputs import check_outputs, write_picture
 from .terminal import say
@@ -115,11 +112,7 @@ def _work(args: argparse.Namespace) -> int:
             raise UsageError(f"--sizes {height}x{width}: the smallest size of this model is {least}x{least}")
     photo = displayable(read(args.image)) if args.image else None
     report: dict[str, Any] = {
-        "model": {
-            "file": args.model or "bundled",
-            "network": elf.contract.network,
-            "layer": elf.contract.layer,
-        },
+        "model": {"file": args.model or "bundled", "network": elf.contract.network, "layer": elf.contract.layer},
         "image": args.image or "synthetic, seed 0",
         "environment": environment(args.threads, elf.providers[0]),
         "repeats": args.repeats,
@@ -139,19 +132,19 @@ def _work(args: argparse.Namespace) -> int:
                 raise UsageError(f"--peers torch: {note}")
             if torch_saliency is not None and file != args.model:
                 twin = _open(file, args)
-        lanes: list[_Lane] = []
+        runs: list[SizeRun] = []
         for height, width in args.sizes:
             image = synthetic(height, width) if photo is None else cv2.resize(photo, (width, height))
-            picture = Path(folder) / f"{len(lanes)}.png"
+            picture = Path(folder) / f"{len(runs)}.png"
             write_picture(picture, image)
             workloads = [ours(elf, picture), *(saliencies(elf, twin, image) if wanted else [])]
-            lanes.append(_Lane(image, [*workloads, *peers(wanted, image, torch_saliency)]))
-        _time(lanes, args)
-        for lane in lanes:
-            entry = _entry(lane)
+            runs.append(SizeRun(image, [*workloads, *peers(wanted, image, torch_saliency)]))
+        time_in_turn(runs, args.warmup, args.repeats)
+        for run in runs:
+            entry = run.entry()
             if torch_saliency is not None:
-                entry["saliency_agreement"] = _agreement(lane.image, twin or elf, torch_saliency)
-            entry["memory"] = peak_memory(args.model, args.provider, args.threads, lane.image.shape[:2])
+                entry["saliency_agreement"] = run.agreement(twin or elf, torch_saliency)
+            entry["memory"] = peak_memory(args.model, args.provider, args.threads, run.image.shape[:2])
             report["sizes"].append(entry)
     say(table(report), sys.stderr if args.json == "-" else None)
     if args.json:
@@ -181,64 +174,6 @@ def _open(model: str | None, args: argparse.Namespace) -> ElfRuntime:
     """With a session for every size: they take turns."""
     options = {"providers": args.provider, "threads": args.threads, "spin": args.spin or None}
     return ElfRuntime(model, **options, sizes=len(args.sizes))
-
-
-@dataclasses.dataclass
-class _Lane:
-    """What runs on the image of one size, and what was measured."""
-
-    image: Image
-    workloads: list[Workload]
-    samples: dict[str, list[float]] = dataclasses.field(default_factory=dict)
-    keypoints: dict[str, int] = dataclasses.field(default_factory=dict)
-
-
-def _time(lanes: list[_Lane], args: argparse.Namespace) -> None:
-    """Fill the lanes' samples; all sizes' workloads in one rotation."""
-    named = [
-        dataclasses.replace(workload, name=f"{i}:{workload.name}")
-        for i, lane in enumerate(lanes)
-        for workload in lane.workloads
-    ]
-    samples, keypoints = interleaved(named, args.warmup, args.repeats)
-    for i, lane in enumerate(lanes):
-        mine = f"{i}:"
-        lane.samples = {k.removeprefix(mine): v for k, v in samples.items() if k.startswith(mine)}
-        lane.keypoints = {k.removeprefix(mine): v for k, v in keypoints.items() if k.startswith(mine)}
-
-
-_RATIOS = (
-    ("elf.detect + describe", "sift"),
-    ("elf.detect + describe", "orb"),
-    ("elf_saliency", "elf_saliency_twin"),
-    ("elf_saliency_twin", "torch"),
-    ("elf_saliency", "torch"),
-)
-
-
-def _entry(lane: _Lane) -> dict[str, Any]:
-    """One size's part of the report: samples in seconds, their percentiles, and ratios."""
-    ratios = {}
-    for first, second in _RATIOS:
-        if first in lane.samples and second in lane.samples:
-            ratio = paired_ratio(lane.samples[first], lane.samples[second])
-            ratios[f"{first} / {second}"] = dataclasses.asdict(ratio)
-    return {
-        "height": lane.image.shape[0],
-        "width": lane.image.shape[1],
-        "keypoints": lane.keypoints,
-        "titles": {c.name: c.title for c in lane.workloads},
-        "seconds": {name: dataclasses.asdict(summary(values)) for name, values in lane.samples.items()},
-        "ratios": ratios,
-        "samples": lane.samples,
-    }
-
-
-def _agreement(image: Image, elf: ElfRuntime, torch_saliency: Any) -> dict[str, Any]:
-    """Share of the pixels where the graph that has torch's weights agrees with torch."""
-    reference, found = torch_saliency(image), elf.saliency(image, scale=1.0)
-    share = float(np.mean(np.abs(found - reference) <= 1e-4 * reference.max()))
-    return {"precision": elf.contract.precision, "share": share}
 
 
 if __name__ == "__main__":

@@ -39,11 +39,11 @@ class Sessions:
     """Opens the sessions of a model as they are needed, and keeps those that are likely to be needed again.
 
     ONNX Runtime computes every output of a graph, asked for or not, and fuses more where it knows the image's size.  So
-    each set of outputs has sessions of its own: one for each of the image sizes used last, and a second one where images
+    each set of outputs has its own sessions: one for each of the image sizes used last, and a second one where images
     of that size come in batches.  A size that comes once is not worth a session.  It runs in one for any size, which
-    counts as one of the sizes.  The first size of all is expected to come again, and so is every size on other providers
-    than the CPU, which may take long to compile.  A model in ORT format can be neither cut nor given a size, so it has
-    one session.  A model whose nodes have graphs of their own (If, Loop) can't be cut.
+    counts as one of the sizes.  The first size of all is expected to come again, and so is every size on other
+    providers than the CPU, which may take long to compile.  A model in ORT format can be neither cut nor given a size,
+    so it has one session.  A model whose nodes have graphs of their own (If, Loop) can't be cut.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ def drawable(text: str) -> str:
 
 
 def _fitted(text: str, counts: str, width: int) -> str:
-    """`text` and `counts` within `width` pixels: of the text only the end, behind dots, and a cut if that is too long."""
+    """`text` and `counts` within `width` pixels: of the text only the end, behind dots, and cut if that is too long."""
     if _text_width(text + counts) <= width:
         return text + counts
     while text and _text_width("..." + text + counts) > width:
