@@ -74,7 +74,7 @@ def float_model(model: str | None, torch_model: str | None) -> str:
 
 
 def torch_peer(model: str, threads: int) -> tuple[Callable[[Image], Any] | None, str]:
-    """The saliency function that `elf_export.checks.torch_reference` rebuilds from the model, or why there is none.
+    """The saliency in torch, as `elf_export.checks.torch_reference` rebuilds it from the model, or why there is none.
 
     The exporter is asked for by name and only here: the runtime neither needs nor imports it, or torch.
     """

@@ -18,12 +18,12 @@ from .command import UsageError
 IMAGE_SUFFIXES = frozenset(
     (".bmp", ".jpeg", ".jpg", ".jp2", ".pbm", ".pgm", ".png", ".pnm", ".ppm", ".tif", ".tiff", ".webp")
 )
-# What builds of OpenCV may decode too, where such files are named.
+# What some builds of OpenCV decode too; such files are taken where they are named.
 _OTHER_SUFFIXES = frozenset((".avif", ".exr", ".gif", ".hdr", ".jpe", ".pam", ".pfm", ".pic", ".ras", ".sr"))
 
 
 def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | None = None) -> dict[Path, Path]:
-    """Files, the image files of folders (sorted), and what patterns match; each file once.
+    """The files that are named, the image files of folders (sorted), and what patterns match; each file once.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | 
                 raise UsageError(f"{argument}: no images ({', '.join(sorted(IMAGE_SUFFIXES))}) in this folder{place}")
             found += [(p, path) for p in inside]
         elif not os.path.lexists(path) and glob.has_magic(argument):
-            # Where the shell has not expanded it: it was quoted, or the shell is Windows' own.
+            # The shell has not expanded it: it was quoted, or the shell is Windows' own.
             matches = sorted(Path(p) for p in glob.glob(argument, recursive=True))
             if not matches:
                 raise UsageError(f"{argument}: no file matches")

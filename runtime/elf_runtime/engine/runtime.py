@@ -11,11 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_runtime.contract import DescriptorSpec
-from elf_runtime.detection.descriptors import DescriptorMap, as_points
+from elf_runtime.detection.descriptors import Array, DescriptorMap, as_points
 from elf_runtime.detection.detect import detect, nothing_found
 from elf_runtime.detection.working_image import WorkingImage
 from elf_runtime.errors import ImageError, SettingError
-from elf_runtime.image.convert import Array
 from elf_runtime.image.file import ImageLike
 from elf_runtime.params import DetectionParams, is_int
 from elf_runtime.results.features import Features
@@ -103,8 +102,7 @@ class ElfRuntime(OpenedModel):
         """As `detect`, with the saliency, the scores, the threshold mask and the time of each stage."""
         params = self.params(preset, **settings)
         spec, watch = self.contract.descriptor(descriptor), Stopwatch()
-        working = self._prepare(image, params, mask, watch=watch)
-        return next(self._traces([working], params, spec, watch))
+        return next(self._traces([self._prepare(image, params, mask, watch=watch)], params, spec, watch))
 
     def detect_batch(
         self,
@@ -138,11 +136,11 @@ class ElfRuntime(OpenedModel):
         if len(all_masks) != len(batch):
             raise ImageError(f"{len(all_masks)} masks for {len(batch)} images")
         params, spec = self.params(preset, **settings), self.contract.descriptor(descriptor)
-        most, numbered = self.contract.input.batch or batch_size, enumerate(zip(batch, all_masks, strict=True))
-        prepared = (self._prepare(image, params, mask, f"image {i} of the batch") for i, (image, mask) in numbered)
+        pairs = enumerate(zip(batch, all_masks, strict=True))
+        prepared = (self._prepare(image, params, mask, f"image {i} of the batch") for i, (image, mask) in pairs)
         found: list[Features] = []
         for _, same_size in groupby(prepared, key=lambda working: working.scaling.working):
-            while group := list(islice(same_size, most)):
+            while group := list(islice(same_size, self.contract.input.batch or batch_size)):
                 found += [trace.features for trace in self._traces(group, params, spec, Stopwatch())]
         return found
 

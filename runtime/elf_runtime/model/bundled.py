@@ -1,4 +1,4 @@
-"""The models that come with the package, wherever Python imports it from: a folder, an archive, a frozen program."""
+"""The models that come with the package, whether Python imports it from a folder, an archive or a frozen program."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ class Holder(Protocol):
 
 _sessions: weakref.WeakSet[Any] = weakref.WeakSet()
 _holders: weakref.WeakSet[Holder] = weakref.WeakSet()
-# A fork waits while a session is being opened: locks that ONNX Runtime holds then would stay locked in the child.
+# A fork waits while a session is being opened: the locks that ONNX Runtime holds then would stay locked in the child.
 _opening = threading.RLock()
 
 

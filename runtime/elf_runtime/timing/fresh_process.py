@@ -67,7 +67,7 @@ def peak_memory(
 
 def _run(model: str | None, provider: str | None, threads: int, size: tuple[int, int] | None) -> dict[str, Any]:
     options = {"model": model, "provider": provider, "threads": threads, "size": size}
-    # The child must find the package that runs here, installed or not.
+    # The child must find the package that runs here, even if it is not installed.
     package = str(Path(elf_runtime.__file__).resolve().parents[1])
     known = os.environ.get("PYTHONPATH")
     env = {**os.environ, "PYTHONPATH": package + (os.pathsep + known if known else "")}

@@ -40,7 +40,7 @@ def interleaved(
     for turn in range(warmup + repeats):
         first = turn % len(workloads)
         for workload in [*workloads[first:], *workloads[:first]]:
-            # Threads that spin after their work (OpenMP's, for milliseconds) would take the next one's cores.
+            # Threads may spin after their work (OpenMP's do, for milliseconds) and take cores from the next workload.
             time.sleep(0.01)
             start = time.perf_counter()
             count, stages = workload.run()
@@ -52,7 +52,7 @@ def interleaved(
                 samples.setdefault(f"{workload.name}.{stage}", []).append(seconds)
             if count is not None:
                 keypoints[workload.name] = count
-    # By workload in the order given, whichever round came first.
+    # In the order of the workloads, whichever of them came first.
     order = [workload.name for workload in workloads]
     names = sorted(samples, key=lambda name: order.index(name.partition(".")[0]))
     return {name: samples[name] for name in names}, keypoints
