@@ -17,10 +17,9 @@ from elf_runtime.presets import PRESETS
 from .command import UsageError
 
 
-def add_model_options(parser: argparse.ArgumentParser, model: bool = True) -> None:
+def add_model_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("model")
-    if model:
-        group.add_argument("--model", metavar="FILE", help="ELF model that elf-export wrote; default: the bundled one")
+    group.add_argument("--model", metavar="FILE", help="ELF model that elf-export wrote; default: the bundled one")
     group.add_argument(
         "--provider",
         metavar="NAME",

@@ -13,6 +13,7 @@ Color = tuple[int, int, int]
 
 WHITE: Color = (255, 255, 255)
 DARK: Color = (24, 24, 24)
+_GAP = 6  # pixels between two panels
 _SUBPIXEL_BITS = 4  # OpenCV draws at fixed-point coordinates
 _FONT, _FONT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.55
 
@@ -76,15 +77,15 @@ def _fitted(text: str, counts: str, width: int) -> str:
     return found
 
 
-def side_by_side(pictures: Sequence[Picture], gap: int = 6) -> Picture:
+def side_by_side(pictures: Sequence[Picture]) -> Picture:
     """Pictures in one row, aligned at the top, on a dark ground."""
     height = max(picture.shape[0] for picture in pictures)
-    width = sum(picture.shape[1] for picture in pictures) + gap * (len(pictures) - 1)
+    width = sum(picture.shape[1] for picture in pictures) + _GAP * (len(pictures) - 1)
     row = np.full((height, width, 3), DARK, np.uint8)
     x = 0
     for picture in pictures:
         row[: picture.shape[0], x : x + picture.shape[1]] = picture
-        x += picture.shape[1] + gap
+        x += picture.shape[1] + _GAP
     return row
 
 

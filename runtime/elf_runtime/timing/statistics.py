@@ -46,7 +46,7 @@ def summary(samples: Sequence[float]) -> Summary:
     return Summary(len(samples), float(p50), float(p95), float(p99))
 
 
-def median_interval(samples: Sequence[float], confidence: float = 0.95, seed: int = 0) -> Interval:
+def median_interval(samples: Sequence[float], confidence: float = 0.95) -> Interval:
     """The median and its percentile-bootstrap interval (Efron, 1979), the same for the same samples.
 
     Raises
@@ -59,7 +59,7 @@ def median_interval(samples: Sequence[float], confidence: float = 0.95, seed: in
     if not 0.0 < confidence < 1.0:
         raise ValueError(f"confidence is a number in (0, 1), not {confidence!r}")
     values: npt.NDArray[np.float64] = np.asarray(samples, np.float64)
-    draws = np.random.default_rng(seed).integers(0, len(values), (RESAMPLES, len(values)))
+    draws = np.random.default_rng(0).integers(0, len(values), (RESAMPLES, len(values)))
     medians = np.median(values[draws], axis=1)
     tail = (1.0 - confidence) / 2.0
     low, high = np.quantile(medians, (tail, 1.0 - tail))
