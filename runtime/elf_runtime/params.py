@@ -123,7 +123,7 @@ def parse_setting(text: str) -> tuple[str, Any]:
         If the text is not ``NAME=VALUE``.
     """
     name, equals, value = text.partition("=")
-    if not equals or not name or not all(value.split(",")):
+    if not equals or not name or not all(map(str.strip, value.split(","))):
         raise SettingError(f"{text!r} is not NAME=VALUE")
     return name.strip(), parse_value(value)
 

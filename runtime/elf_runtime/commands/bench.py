@@ -29,7 +29,7 @@ from .terminal import say
 DESCRIPTION = """\
 Time a model stage by stage, beside other detectors where they are installed.
 
-Every repetition runs each of them once, in an order that rotates, so that what slows the machine for a
+Every repetition runs each contender once, in an order that rotates, so that what slows the machine for a
 while slows all of them; several sizes take turns too.  Ratios are medians over the repetitions' pairs, with a
 bootstrap interval of 95 %.
 Import time, load time and peak memory come from fresh processes.
