@@ -1,4 +1,5 @@
-"""The runtime's commands, a file each: detect, match, info, bench.  What they share is in the others.
+"""The runtime's commands, a file each: detect, match, info and bench; the other files are what they share.
 
-May import every other room.  elf_export and elf_eval take their parsers and their exit status from `command`.
+May import every other room.  elf_export and elf_eval import `command` (parser, exit status, errors) and the types of
+options in `options`.
 """

@@ -6,7 +6,7 @@ import argparse
 import contextlib
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from elf_runtime.timing.fresh_process import peak_memory, start_up
 from . import command, options
 from .bench_sizes import SizeRun, time_in_turn
 from .bench_table import table
-from .bench_workloads import PEERS, float_model, ours, peers, saliencies, synthetic, torch_peer
+from .bench_workloads import PEERS, Image, float_model, ours, peers, saliencies, synthetic, torch_peer
 from .command import UsageError
 from .outputs import check_outputs, write_picture
 from .terminal import say
@@ -125,13 +125,7 @@ def _work(args: argparse.Namespace) -> int:
     torch_saliency, twin = None, None
     with _opencv_threads(args.threads), tempfile.TemporaryDirectory() as folder:
         if "torch" in wanted:
-            file = float_model(args.model, args.torch_model)
-            torch_saliency, note = torch_peer(file, args.threads)
-            report["peers"]["torch"] = note
-            if torch_saliency is None and args.peers:
-                raise UsageError(f"--peers torch: {note}")
-            if torch_saliency is not None and file != args.model:
-                twin = _open(file, args)
+            torch_saliency, twin, report["peers"]["torch"] = _torch(args)
         runs: list[SizeRun] = []
         for height, width in args.sizes:
             image = synthetic(height, width) if photo is None else cv2.resize(photo, (width, height))
@@ -150,6 +144,15 @@ def _work(args: argparse.Namespace) -> int:
     if args.json:
         command.write_json(args.json, report)
     return 0
+
+
+def _torch(args: argparse.Namespace) -> tuple[Callable[[Image], Any] | None, ElfRuntime | None, str]:
+    """The saliency in torch, the model that has the same weights where it is another, and a note on torch."""
+    file = float_model(args.model, args.torch_model)
+    saliency, note = torch_peer(file, args.threads)
+    if saliency is None and args.peers:
+        raise UsageError(f"--peers torch: {note}")
+    return saliency, _open(file, args) if saliency is not None and file != args.model else None, note
 
 
 def _peer_names(text: str | None) -> list[str]:

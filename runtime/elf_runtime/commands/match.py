@@ -73,12 +73,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     return command.run(build_parser(), _work, argv)
 
 
-def _work(args: argparse.Namespace) -> int:
+def _check_options(args: argparse.Namespace) -> None:
+    """Refuse what can't be carried out, before any work; the threshold gets its default."""
     if args.ransac_threshold is not None and not args.ransac:
         raise UsageError("--ransac-threshold needs --ransac homography or --ransac fundamental")
-    reach = 3.0 if args.ransac_threshold is None else args.ransac_threshold
-    if not 0.0 < reach < float("inf"):
-        raise UsageError(f"--ransac-threshold {reach:g}: a distance in pixels is above 0")
+    if args.ransac_threshold is None:
+        args.ransac_threshold = 3.0
+    if not 0.0 < args.ransac_threshold < float("inf"):
+        raise UsageError(f"--ransac-threshold {args.ransac_threshold:g}: a distance in pixels is above 0")
     if args.save and args.save.suffix != ".npz":
         raise UsageError(f"--save {args.save}: matches are saved as .npz")
     if args.ratio is not None and not 0.0 < args.ratio < 1.0:
@@ -89,6 +91,10 @@ def _work(args: argparse.Namespace) -> int:
         {"-o": [args.output], "--save": [args.save], "--json": [args.json]},
         {"an input image": [args.a, args.b], "the model": [args.model]},
     )
+
+
+def _work(args: argparse.Namespace) -> int:
+    _check_options(args)
     elf = options.open_runtime(args)
     if elf.contract.descriptor(args.descriptor) is None:
         raise SettingError(f"{args.model}: exported with --desc none, it can't describe, and so not match")
@@ -96,7 +102,7 @@ def _work(args: argparse.Namespace) -> int:
     first, second = (elf.detect(image, **options.settings(args)) for image in pixels)
     pairs = match(first, second, args.ratio)
     points = (first.keypoints[pairs[:, 0]], second.keypoints[pairs[:, 1]])
-    view = fit(*points, args.ransac, reach) if args.ransac else None
+    view = fit(*points, args.ransac, args.ransac_threshold) if args.ransac else None
 
     text, at_best = f"{len(pairs)} matches", ""
     if view is not None:
