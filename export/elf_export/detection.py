@@ -35,16 +35,4 @@ def chosen(own: DetectionParams, wanted: Wanted) -> DetectionParams:
 
 def changed(own: DetectionParams, detection: DetectionParams) -> dict[str, Any]:
     """The settings of `detection` that are not those of `own`."""
-    base = own.to_dict()
-    return {name: value for name, value in detection.to_dict().items() if value != base[name]}
-
-
-def setting_words(settings: Mapping[str, Any]) -> list[str]:
-    """`elf-export`'s options for settings."""
-    return [word for name, value in settings.items() for word in ("--set", f"{name}={_text(value)}")]
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, (tuple, list)):
-        return ",".join(map(_text, value))
-    return str(value).lower() if isinstance(value, bool) else str(value)
+    return {name: value for name, value in vars(detection).items() if value != getattr(own, name)}

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from .detection import setting_words
+from elf_runtime.params import setting_text
+
 from .errors import ExportError
 
 if TYPE_CHECKING:
@@ -92,7 +93,8 @@ class Request:
         if self.preprocess == "own":
             option("preprocess", "own")
         words += self.reduction.words() if self.reduction is not None else []
-        words += setting_words(self.detection)
+        for name, value in self.detection.items():
+            words += ["--set", f"{name}={setting_text(value)}"]
         option("precision", self.precision if self.precision != "fp32" else "")
         option("calibration", self.calibration)
         if self.onnx is not None and self.preprocess not in (None, "paper", "own"):

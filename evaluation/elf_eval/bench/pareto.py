@@ -16,10 +16,9 @@ from elf_eval.geometry import Size
 from elf_eval.report.summary import Keypoints, having, keypoints, scene_means, summarize
 from elf_eval.run.results import Results
 from elf_eval.suite.suite import MethodEntry, Suite
-from elf_runtime.checks.statistics import Interval, median_interval, paired_ratio
-from elf_runtime.commands._contenders import Contender
-from elf_runtime.commands._fresh import environment
-from elf_runtime.commands._timing import interleaved
+from elf_runtime.timing.environment import environment
+from elf_runtime.timing.interleave import Workload, interleaved
+from elf_runtime.timing.statistics import Interval, median_interval, paired_ratio
 
 from .separate import Alone
 
@@ -189,8 +188,8 @@ def _start(suite: Suite, entry: MethodEntry, photo: ImageRef, size: Size | None,
 def _times(starts: Sequence[Callable[[], Alone]], repeats: int, warmup: int) -> list[list[float]]:
     """Seconds of each method's repetitions, in its order; each method has a process of its own."""
 
-    def contender(name: str, method: Alone) -> Contender:
-        return Contender(name, name, lambda: (method.run(), {}))
+    def contender(name: str, method: Alone) -> Workload:
+        return Workload(name, name, lambda: (method.run(), {}))
 
     with ExitStack() as stack:
         methods = [stack.enter_context(start()) for start in starts]

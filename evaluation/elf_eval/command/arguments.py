@@ -8,10 +8,10 @@ from collections.abc import Callable, Mapping
 
 from elf_eval.report.compare import METRICS
 from elf_eval.run.cache import default_folder
-from elf_runtime.commands.command import new_parser
+from elf_runtime.commands.command import Parser, new_parser
 
 
-def build_parser(actions: Mapping[str, Callable[[argparse.Namespace], None]]) -> argparse.ArgumentParser:
+def build_parser(actions: Mapping[str, Callable[[argparse.Namespace], None]]) -> Parser:
     """The parser; each command's function comes from `actions` and ends up in ``args.action``."""
     parser = new_parser("elf-eval", "Compare keypoint detectors and descriptors, by the ELF paper's protocol.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import onnxruntime
 
@@ -12,10 +11,9 @@ import elf_runtime
 from elf_eval.data.images import Image
 from elf_eval.errors import EvalError
 from elf_eval.features import LocalFeatures
-from elf_eval.settings import detection_changes
 from elf_eval.spec import Spec, file_digest
 from elf_runtime import ElfError, ElfRuntime, SettingError
-from elf_runtime.model.session import BUNDLED, bundled_model
+from elf_runtime.model.bundled import BUNDLED, bundled_model
 
 from .base import Method, code_digest
 
@@ -25,14 +23,14 @@ class Elf(Method):
 
     Options: ``precision=fp32`` or ``int8`` (which of the bundled model's files), ``preset=paper``,
     ``descriptor=LAYER``, and every field of `elf_runtime.DetectionParams` (``scale=0.5``, ``denoise=5,2``,
-    ``threshold=kapur``, ``nms_radius=10`` ...).
+    ``threshold=kapur``, ``nms_radius=10`` ...); ``max_keypoints`` may be fewer than the protocol's, not more.
     """
 
     def __init__(self, spec: Spec, threads: int | None) -> None:
         path = spec.file("ELF model") if spec.argument else bundled_model(spec.take("precision", _precision, "int8"))
         self._preset = spec.take("preset", str, None) or None
         self._descriptor = spec.take("descriptor", str, None) or None
-        self._settings = detection_changes(spec)
+        self._settings = spec.settings()
         try:
             self._runtime = ElfRuntime(path, threads=threads)
             params = self._runtime.params(self._preset, **self._settings)
@@ -47,7 +45,7 @@ class Elf(Method):
         )
 
     def extract(self, image: Image, limit: int) -> LocalFeatures:
-        changes: dict[str, Any] = {**self._settings, "max_keypoints": limit}
+        changes = {**self._settings, "max_keypoints": min(limit, self._settings.get("max_keypoints", limit))}
         found = self._runtime.detect(image.pixels, preset=self._preset, descriptor=self._descriptor, **changes)
         return LocalFeatures.build(found.keypoints, found.scores, found.descriptors, sizes=2.0 * self._nms_radius + 1.0)
 

@@ -14,7 +14,6 @@ import elf_runtime
 from elf_eval.data.images import Image
 from elf_eval.errors import EvalError
 from elf_eval.features import FloatArray, LocalFeatures
-from elf_eval.settings import detection_changes
 from elf_eval.spec import Spec
 from elf_runtime import SettingError, preset
 from elf_runtime.detection.nms import greedy_nms
@@ -26,13 +25,25 @@ from .base import Method, code_digest
 # few keypoints are left, and fewer repeat than Sobel's.  From 11x11 on the order is the paper's, Laplacian first
 # (evaluation/README.md has the figures).
 KERNELS: Mapping[str, int] = MappingProxyType({"sobel": 3, "laplacian": 11})
+# The settings that mean something without a model, and without the image beside its saliency.
+SETTINGS = (
+    "denoise",
+    "threshold_blur",
+    "threshold",
+    "nms_radius",
+    "border",
+    "scale",
+    "quantize",
+    "subpixel",
+    "normalize",
+)
 
 
 class Gradient(Method):
     """``sobel`` or ``laplacian``: the paper's baseline, with ELF's own threshold and suppression.
 
-    Options: ``kernel=K`` (`gradient_saliency`), ``preset=paper`` (the default) and the detection settings, but
-    ``scale``.
+    Options: ``kernel=K`` (`gradient_saliency`), ``preset=paper`` (the default) and the detection settings of
+    `SETTINGS`; ``scale`` is 1.
     """
 
     def __init__(self, spec: Spec, threads: int | None) -> None:
@@ -41,7 +52,7 @@ class Gradient(Method):
         self._kernel = spec.take("kernel", _kernel, KERNELS[spec.kind])
         name = spec.take("preset", str, "paper")
         try:
-            self._params = preset(name, spec.kind).updated(**detection_changes(spec))
+            self._params = preset(name, spec.kind).updated(**spec.settings(SETTINGS))
         except SettingError as error:
             raise EvalError(f"{spec.text}: {error}") from error
         if self._params.scale != 1.0:

@@ -19,7 +19,7 @@ from elf_eval.protocol import Protocol
 from elf_eval.report.summary import Keypoints, having, keypoints, scene_means, summarize
 from elf_eval.run.results import Results
 from elf_eval.run.runner import Resources, run
-from elf_eval.settings import CONVERTERS
+from elf_runtime.params import SETTINGS, setting_value
 
 from .suite import DatasetEntry, MethodEntry, Suite
 
@@ -64,11 +64,12 @@ def parse_grid(items: list[str]) -> dict[str, list[str]]:
     grid: dict[str, list[str]] = {}
     for item in items:
         name, _, values = item.partition("=")
-        if name not in CONVERTERS:
-            raise EvalError(f"grid {item!r}: unknown setting {name!r}; known are {sorted(CONVERTERS)}")
+        if name not in SETTINGS:
+            raise EvalError(f"grid {item!r}: unknown setting {name!r}; known are {sorted(SETTINGS)}")
         try:
             grid[name] = list(dict.fromkeys(v for text in values.split("/") for v in _in_range(text)))
-            list(map(CONVERTERS[name], grid[name]))
+            for text in grid[name]:
+                setting_value(name, text)
         except (ValueError, ArithmeticError) as error:
             raise EvalError(f"grid {item!r}: {error}") from error
     return grid

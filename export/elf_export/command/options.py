@@ -8,8 +8,8 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from elf_export.request import PRECISIONS, Request
-from elf_runtime.commands._settings import setting
-from elf_runtime.commands.command import new_parser
+from elf_runtime.commands.command import Parser, new_parser
+from elf_runtime.commands.options import setting
 
 if TYPE_CHECKING:
     from elf_export.descriptors.projection import Reduction
@@ -39,7 +39,7 @@ OF_NAMED_NETWORKS = ("offline", "desc_weights")  # with --net, or --desc NET:LAY
 ONLY_WITH_ONNX = ("input", "color", "mean", "std", "scale", "standardize")
 
 
-def parser() -> argparse.ArgumentParser:
+def parser() -> Parser:
     """The command line's grammar."""
     p = new_parser("elf-export", DESCRIPTION, EPILOG)
     p.add_argument("--layer", metavar="LAYER", help="the layer F that keypoints come from (--net: the paper's)")

@@ -16,8 +16,8 @@ from elf_eval.report import plots
 from elf_eval.report.labels import choose
 from elf_eval.report.pareto import markdown
 from elf_eval.report.summary import Keypoints
-from elf_runtime.checks.statistics import Interval
-from elf_runtime.model.session import bundled_model
+from elf_runtime.model import bundled_model
+from elf_runtime.timing.statistics import Interval
 
 SUITE = """
 [protocol]

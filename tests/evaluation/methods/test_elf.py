@@ -46,6 +46,8 @@ def test_settings_reach_the_runtime_and_the_fingerprint(model, image):
     assert plain.fingerprint != wide.fingerprint
     assert plain.fingerprint == open_method(f"elf:{model}", threads=1).fingerprint
     assert len(wide.extract(image, 500)) < len(plain.extract(image, 500))
+    few = open_method(f"elf:{model}?max_keypoints=7&grid=2,2&min_contrast=0&mask_border=auto")
+    assert (len(few.extract(image, 500)), len(few.extract(image, 5))) == (7, 5)
 
 
 def test_sift_keypoints_with_elf_descriptors(model, image):

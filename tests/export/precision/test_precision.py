@@ -17,10 +17,11 @@ from elf_export.calibration import calibration_set
 from elf_export.checks import lower_precision
 from elf_export.command.main import main
 from elf_export.command.options import parser, setting
-from elf_export.detection import changed, chosen, setting_words
+from elf_export.detection import changed, chosen
 from elf_export.graph.graph import Graph
 from elf_export.graph.passes import opset_of
 from elf_export.precision.half import MANY, bfloat16_weights, half_precision
+from elf_export.request import Request
 from elf_export.sources.networks import get_network
 from elf_runtime import DetectionParams, ElfRuntime, InputSpec
 from elf_runtime.model.session import open_session
@@ -447,6 +448,12 @@ def test_settings_out_of_range(tmp_path: Path, text: str, message: str, capsys: 
     """Before anything is computed."""
     assert main(["--net", "vgg", "--offline", "--set", text, "-o", str(tmp_path / "a.onnx")]) == 1
     assert message in capsys.readouterr().err
+
+
+def setting_words(settings: dict[str, object]) -> list[str]:
+    program, *words = Request(net="vgg", detection=settings).words()
+    assert (program, words[:2]) == ("elf-export", ["--net", "vgg"])
+    return words[2:]
 
 
 def test_settings_become_the_options_that_say_them() -> None:
