@@ -10,6 +10,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -108,8 +109,7 @@ def _asks_for_json(parser: Parser, words: Sequence[str]) -> bool:
     """Whether ``--json`` is among the words and means standard output: alone where it is a switch, else with ``-``."""
     if parser.get_default("json") is False:
         return "--json" in words
-    pairs = zip(words, [*words[1:], ""], strict=True)
-    return any(word == "--json=-" or (word == "--json" and value == "-") for word, value in pairs)
+    return "--json=-" in words or ("--json", "-") in pairwise(words)
 
 
 @contextmanager

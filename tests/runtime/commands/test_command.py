@@ -62,6 +62,15 @@ def test_a_wrong_command_line_is_json_too(name: str, folder: Path, capsys: pytes
     assert json.loads(captured.out)["error"] == captured.err.partition("error: ")[2].rstrip("\n")
 
 
+@pytest.mark.parametrize("name", ["elf-detect", "elf-match"])
+@pytest.mark.parametrize("given", [[], ["--json"], ["--json", "-"]])
+def test_a_command_line_that_ends_too_early(name: str, given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        COMMANDS[name].main(given)
+    assert stopped.value.code == 2
+    assert (capsys.readouterr().out != "") == (given == ["--json", "-"])
+
+
 def test_a_file_that_json_goes_into_is_left_alone(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     summary = folder / "summary.json"
     summary.write_text("of an earlier run")
