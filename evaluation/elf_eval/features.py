@@ -1,13 +1,15 @@
-"""What a method gives for one image."""
+"""Local features: what a method finds in one image."""
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from .coordinates import Float, Size
 from .errors import EvalError
 
 FloatArray = npt.NDArray[np.float32]
@@ -20,15 +22,15 @@ class LocalFeatures:
     Attributes
     ----------
     keypoints : (N, 2) float32
-        (x, y) in pixels of the image as evaluated; integer = pixel centre.
+        (x, y) in pixels of the image as it was evaluated; an integer is a pixel's centre.
     scores : (N,) float32
         Descending.
     descriptors : (N, D) float32, or (N, bytes) uint8
-        Compared by L2 distance where float, by Hamming distance where uint8.  D = 0: a detector alone.
+        Floats are compared by L2 distance, uint8 by Hamming distance.  D = 0: the method only detects.
     sizes : (N,) float32
-        Diameter of the keypoint's neighbourhood in pixels, as in ``cv2.KeyPoint``.
+        Diameters of the keypoints' neighbourhoods in pixels, as in ``cv2.KeyPoint``.
     angles : (N,) float32
-        Orientation in degrees, as in ``cv2.KeyPoint``; -1 where the detector gives none.
+        Orientations in degrees, as in ``cv2.KeyPoint``; -1 where the detector gives none.
     """
 
     keypoints: FloatArray
@@ -93,3 +95,37 @@ class LocalFeatures:
     def described(self, descriptors: npt.NDArray[Any]) -> LocalFeatures:
         """The same keypoints with other descriptors."""
         return replace(self, descriptors=descriptors)
+
+
+@dataclass(frozen=True)
+class ImageFeatures:
+    """The features of an image, with all that their metrics need of the image itself.
+
+    Attributes
+    ----------
+    features : LocalFeatures
+    size : (width, height)
+        Of the working image.
+    to_working : (3, 3)
+        Pixels of the file -> pixels of the working image.
+    seconds : float
+        How long the extraction took when it was done, without decoding the image.
+    """
+
+    features: LocalFeatures
+    size: Size
+    to_working: Float
+    seconds: float
+
+    def first(self, count: int) -> ImageFeatures:
+        """With the `count` strongest features alone."""
+        return replace(self, features=self.features.first(count))
+
+    def digest(self) -> str:
+        """SHA-256 of all but the time."""
+        f = self.features
+        sha = hashlib.sha256(repr(self.size).encode())
+        for array in (f.keypoints, f.scores, f.descriptors, f.sizes, f.angles, self.to_working):
+            sha.update(f"{array.dtype}{array.shape}".encode())
+            sha.update(np.ascontiguousarray(array).tobytes())
+        return sha.hexdigest()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,7 +23,9 @@ class Spec:
     kind, argument : str
         Before and after the first colon; the argument may be empty.
     options : dict of str
-        What is left to take: `finish` complains about the rest, so that no setting is dropped in silence.
+        Those that nobody has taken yet.  `finish` refuses what is left, so no setting is dropped in silence.
+    known : list of str
+        Names of the options that were asked for.
     """
 
     text: str
@@ -83,7 +84,7 @@ class Spec:
         return path
 
 
-def names(text: str) -> list[str]:
+def comma_separated(text: str) -> list[str]:
     """``a,b`` -> ["a", "b"]; none in an empty text."""
     return [name for name in text.split(",") if name]
 
@@ -93,12 +94,3 @@ def boolean(text: str) -> bool:
     if text not in ("true", "false"):
         raise ValueError("expected true or false")
     return text == "true"
-
-
-def file_digest(path: Path) -> str:
-    """SHA-256 of a file's bytes."""
-    sha = hashlib.sha256()
-    with open(path, "rb") as file:
-        while block := file.read(1 << 20):
-            sha.update(block)
-    return sha.hexdigest()

@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elf_eval.command.arguments import build_parser
-from elf_eval.command.main import _ACTIONS, main
+from elf_eval.command.main import build_parser, main
 from elf_eval.data.images import ImageRef
 from elf_eval.data.truth import Calibrated, Homography
 from elf_eval.errors import EvalError
 from elf_eval.methods import open_method
-from elf_eval.metrics.names import names
+from elf_eval.metrics.families import metric_names
 from elf_eval.metrics.pair import pair_metrics
 from elf_eval.protocol import Protocol
 from elf_eval.report import plots
@@ -103,7 +102,7 @@ def test_a_metric_that_only_one_side_has_is_not_dropped(command, results, tmp_pa
 
 @pytest.mark.parametrize("metric", ["foo", "pose_auc@5"])
 def test_a_sweep_checks_its_metric_before_any_work(metric, hpatches_folder, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("elf_eval.suite.sweep.run", lambda *_, **__: pytest.fail("evaluated"))
+    monkeypatch.setattr("elf_eval.run.sweep.run", lambda *_, **__: pytest.fail("evaluated"))
     where = ["--model", "sobel", "--dataset", f"hpatches:{hpatches_folder}", "--cache", str(tmp_path / "c")]
     (line,) = error_of(["sweep", *where, "--metric", metric], capsys)
     assert line.startswith(f"unknown metric '{metric}'; a run on hpatches:{hpatches_folder} has n1, n2, ")
@@ -123,7 +122,7 @@ def test_metric_names_are_those_of_a_pair(photo_file, tmp_path):
     pose = Calibrated(camera, camera, tuple(np.eye(4).ravel()))
     for truth in (Homography(), pose, Calibrated(camera, camera, pose.transform, depth, depth)):
         record = pair_metrics(found, found, truth, Protocol(size=None))
-        assert names(truth) == [name for name in record if not name.endswith("_error")]
+        assert metric_names(truth) == [name for name in record if not name.endswith("_error")]
 
 
 @pytest.mark.parametrize(
@@ -261,7 +260,7 @@ def test_the_last_line_names_what_was_written(hpatches_folder, tmp_path, drawn, 
     again = tmp_path / "again"
     assert main(["report", str(folder / "results.json"), "--out", str(again)]) == 0
     line = capsys.readouterr().err.strip()
-    assert line == f"written: {again}/README.md, index.html, tables.csv" + ", plots/" * drawn
+    assert line == f"written: {again}/README.md, tables.csv" + ", plots/" * drawn
     page = (folder / "README.md").read_text()
     assert "pip install" not in page
     assert ("matplotlib is not installed (it is in the extra 'eval')." in page) == (not drawn)
@@ -278,7 +277,7 @@ def test_a_picture_of_no_pair_is_an_error_before_anything_runs(hpatches_folder, 
 
 
 def test_every_option_has_its_help():
-    (commands,) = (action for action in build_parser(_ACTIONS)._actions if action.choices)
+    (commands,) = (action for action in build_parser()._actions if action.choices)
     for name, parser in commands.choices.items():
         assert [action.dest for action in parser._actions if not action.help] == [], name
     assert "what to choose by (ms)" in commands.choices["sweep"].format_help()

@@ -1,4 +1,4 @@
-"""Bar plots, curves over a parameter and matching accuracy, with matplotlib where it is installed."""
+"""Bar plots, curves over a parameter and matching accuracy, where matplotlib is installed."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from elf_eval.metrics import Estimate
-from elf_eval.metrics.matching import MMA_THRESHOLDS
+from elf_eval.metrics.intervals import Estimate
+from elf_eval.metrics.matching_accuracy import MMA_THRESHOLDS
+from elf_eval.run.averages import having, keypoints, summarize
 from elf_eval.run.results import PairResult, Results
 from elf_eval.suite.suite import TableEntry
 
-from .names import wrapped
-from .summary import having, keypoints, summarize
+from .method_names import wrapped
 from .tables import how_counted, selected
 
 _BRACKETS = "in brackets: mean number of keypoints"

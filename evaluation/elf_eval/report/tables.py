@@ -1,25 +1,21 @@
-"""The tables: the paper's form, with what is compared today beside it."""
+"""The tables: in the paper's form, with what is compared today beside it."""
 
 from __future__ import annotations
 
-import csv
-from pathlib import Path
 from typing import Any
 
-from elf_eval.metrics.homography import HOMOGRAPHY_THRESHOLDS
-from elf_eval.metrics.matching import MMA_THRESHOLDS
-from elf_eval.metrics.pose import POSE_THRESHOLDS
+from elf_eval.metrics.matching_accuracy import MMA_THRESHOLDS
+from elf_eval.run.averages import having, image_counts, keypoints, summarize
 from elf_eval.run.results import PairResult, Results
 from elf_eval.suite import paper
 from elf_eval.suite.suite import TableEntry
 
-from .columns import by_pairs, short, superglue
-from .summary import having, image_counts, keypoints, metrics_in, summarize
+from .columns import by_pairs, short
 from .table import Table
 
 
 def selected(results: Results, entry: TableEntry) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """The datasets and methods of a table that the results have, in the entry's order."""
+    """The datasets and methods of an entry that the results have, in the entry's order."""
     datasets = {d["name"]: d for d in results.datasets}
     methods = {m["name"]: m for m in results.methods}
     chosen_datasets = [datasets[n] for n in entry.datasets or datasets if n in datasets]
@@ -27,8 +23,10 @@ def selected(results: Results, entry: TableEntry) -> tuple[list[dict[str, Any]],
 
 
 def build(results: Results, entry: TableEntry) -> list[Table]:
-    """The tables of an entry: one for each dataset and way of counting, and for each part of the pairs that a metric
-    is over, where those differ."""
+    """The tables of an entry: one for each dataset and way of counting.
+
+    Metrics that are over different pairs stand in tables of their own.
+    """
     datasets, methods = selected(results, entry)
     tables = []
     for dataset in datasets:
@@ -51,7 +49,7 @@ def how_counted(results: Results, counts: str) -> str:
 
 
 def _caption(results: Results, dataset: dict[str, Any], counts: str, found: list[list[PairResult]]) -> str:
-    """The dataset, how many keypoints are kept, and the pairs and scenes that a table is over."""
+    """The dataset, how many keypoints are kept, and over how many pairs and scenes a table is."""
     there = {(p.scene, p.pair) for pairs in found for p in pairs}
     sizes = (len(there), dataset["pairs"], "pair"), (len({scene for scene, _ in there}), dataset["scenes"], "scene")
     parts = ", ".join(f"{n if n == of else f'{n} of {of}'} {what}{'' if of == 1 else 's'}" for n, of, what in sizes)
@@ -122,31 +120,3 @@ def _by_threshold(results: Results, dataset: dict[str, Any], methods: list[dict[
         rows.append([method["name"], _counted(pairs), *values])
     header = ["method", "keypoints (least)", *(f"{t} px" for t in MMA_THRESHOLDS)]
     return Table(f"{_caption(results, dataset, counts, found)}: share of the matches within", header, rows)
-
-
-def write_csv(results: Results, path: Path) -> None:
-    """Every metric of every method on every dataset: mean over scenes, its 95 % interval, and the pairs and scenes
-    that it is over; the AUC as SuperGlue's authors compute it has no interval."""
-    with open(path, "w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["dataset", "counts", "method", "metric", "mean", "low", "high", "pairs", "scenes"])
-        for dataset in results.datasets:
-            for counts in results.protocol["counts"]:
-                for method in results.methods:
-                    _csv_rows(writer, results.of(dataset["name"], method["name"], counts))
-
-
-def _csv_rows(writer: Any, pairs: list[PairResult]) -> None:
-    def row(metric: str, over: list[PairResult], *figures: float) -> None:
-        where = [over[0].dataset, over[0].counts, over[0].method]
-        numbers = [f"{v:.6g}" if v == v else "" for v in figures]
-        writer.writerow([*where, metric, *numbers, len(over), len({p.scene for p in over})])
-
-    for metric in metrics_in(pairs):
-        value = summarize(pairs, metric)
-        if value is not None:
-            row(metric, having(pairs, metric), value.mean, value.low, value.high)
-    for error, thresholds in (("h_error", HOMOGRAPHY_THRESHOLDS), ("pose_error", POSE_THRESHOLDS)):
-        over = [p for p in pairs if error in p.metrics]
-        for metric, auc in (superglue(over, error, thresholds) or {}).items():
-            row(metric, over, auc, float("nan"), float("nan"))

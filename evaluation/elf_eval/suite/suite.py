@@ -1,4 +1,4 @@
-"""What to run: methods, datasets, protocol, and the tables and pictures to make of it; from TOML."""
+"""A suite: methods, datasets, protocol, and the tables and pictures to make of them; from TOML."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class MethodEntry:
-    """A method under the name that the tables use.
+    """A method, and the name that it has in the tables.
 
     Attributes
     ----------
@@ -33,11 +33,11 @@ class MethodEntry:
     descriptor : str, optional
         The detector's own where absent.
     paper : str, optional
-        The row of the paper's tables that belongs beside it.
+        The row of the paper's tables that stands beside it.
     optional : bool
-        Leave it out, with a line in the report that says why, where it can't be opened.
+        Where it can't be opened, leave it out, and say why in the report.
     family : str
-        What `elf-eval pareto` gives one marker.
+        Methods of one family have the same marker in `elf-eval pareto`.
     """
 
     name: str
@@ -54,7 +54,7 @@ class MethodEntry:
 
 @dataclass(frozen=True)
 class DatasetEntry:
-    """A dataset under the name that the tables use."""
+    """A dataset, and the name that it has in the tables."""
 
     name: str
     spec: str
@@ -62,7 +62,7 @@ class DatasetEntry:
 
 @dataclass(frozen=True)
 class TableEntry:
-    """A table and its plot; an empty list is all.
+    """A table and its plot; an empty list of methods or datasets means all.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class TableEntry:
     note : str
         A paragraph above the table.
     paper : "generic" or "gradients", optional
-        The paper's table whose rows stand below ours where ours have none of that name, once for each dataset.
+        The paper's table whose other rows, those that ours has no method for, stand below, once for each dataset.
     """
 
     title: str
@@ -89,7 +89,7 @@ class TableEntry:
 
 @dataclass(frozen=True)
 class PictureEntry:
-    """A match picture: ``pair`` is "v_graf/1.png - v_graf/3.png"; an empty list of methods is all."""
+    """A picture of matches; ``pair`` is "v_graf/1.png - v_graf/3.png", and an empty list of methods means all."""
 
     dataset: str
     pair: str
@@ -103,9 +103,9 @@ class Suite:
     Attributes
     ----------
     variables : dict
-        ``${NAME}`` in the methods' and datasets' texts; an environment variable of that name goes before.
+        What ``${NAME}`` means in the methods' and datasets' texts, unless there is an environment variable NAME.
     groups : dict
-        Scenes under a common name, for tables by group.
+        Names of groups of scenes, for tables by group.
     """
 
     methods: list[MethodEntry]
@@ -139,12 +139,12 @@ class Suite:
         return self.expand(entry.detector), self.expand(entry.descriptor) if entry.descriptor else None
 
     def origin(self, entry: MethodEntry | DatasetEntry) -> str:
-        """What the entry's ``${NAME}`` are, in brackets, to end an error's text with (`variables.origin`)."""
+        """What the entry's ``${NAME}`` mean, in brackets, to stand behind an error's text (`variables.origin`)."""
         texts = [entry.spec] if isinstance(entry, DatasetEntry) else [entry.detector, entry.descriptor or ""]
         return variables.origin(" ".join(texts), self.variables)
 
     def unexpand(self, text: str) -> str:
-        """`text` with the variables' values named again: a report should not depend on where files lie."""
+        """`text` with names for the variables' values, because a report should not depend on where files lie."""
         for name in self.variables:
             text = text.replace(self.expand("${" + name + "}"), "${" + name + "}")
         return text

@@ -8,14 +8,15 @@ import shutil
 import numpy as np
 import pytest
 
-from elf_eval.bench.pareto import METRICS, Point, Study, front
+from elf_eval.bench.measurement import METRICS
+from elf_eval.bench.pareto import Point, Study, front
 from elf_eval.command.main import main
 from elf_eval.errors import EvalError
 from elf_eval.methods import open_method
 from elf_eval.report import plots
 from elf_eval.report.labels import choose
 from elf_eval.report.pareto import markdown
-from elf_eval.report.summary import Keypoints
+from elf_eval.run.averages import Keypoints
 from elf_runtime.checks.statistics import Interval
 from elf_runtime.model.session import bundled_model
 

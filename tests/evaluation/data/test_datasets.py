@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scenes import SIZE, photograph
 
+from elf_eval.coordinates import warp
 from elf_eval.data import open_dataset
+from elf_eval.data.depth import depth_at, through_depth
 from elf_eval.data.images import ImageRef
 from elf_eval.data.strecha import read_camera
-from elf_eval.data.truth import _look_up, through_depth
 from elf_eval.data.views import RandomHomography, Rotation, Zoom, homography_through, warp_image
 from elf_eval.errors import EvalError
-from elf_eval.geometry import warp
 
 WORKING = (160, 120)
 
@@ -378,7 +378,7 @@ def test_a_depth_five_percent_off_is_another_thing(depth, seen):
 def test_depth_is_known_on_the_map_and_above_zero_only():
     depth = np.array([[1.0, 2.0, 0.0], [4.0, -5.0, 6.0]], np.float32)
     places = [[0.4, 0.4], [2.4, 1.4], [2.0, 0.0], [1.0, 1.0], [3.0, 0.0], [0.0, 2.0], [-0.6, 0.0], [np.nan, 0.0]]
-    np.testing.assert_array_equal(_look_up(depth, np.array(places)), [1.0, 6.0] + [np.nan] * 6)
+    np.testing.assert_array_equal(depth_at(depth, np.array(places)), [1.0, 6.0] + [np.nan] * 6)
 
 
 def pairs_line(turns=0):

@@ -14,7 +14,7 @@ from elf_eval.data.images import ImageRef
 from elf_eval.errors import EvalError
 from elf_eval.methods import open_method, open_methods
 from elf_eval.protocol import Protocol
-from elf_eval.run.jobs import ExtractJob, run_extract
+from elf_eval.run.extraction import Extraction, extract_features
 from elf_runtime import ElfRuntime
 
 _ROOT = Path(__file__).parents[3]
@@ -81,6 +81,6 @@ def test_the_evaluation_needs_neither_torch_nor_onnx():
 def test_an_image_that_the_model_refuses_is_named(model, tmp_path):
     cv2.imwrite(str(tmp_path / "small.png"), np.zeros((16, 16, 3), np.uint8))
     ref = ImageRef("small", tmp_path / "small.png")
-    job = ExtractJob(f"elf:{model}", None, 1, ref, Protocol(size=None), tmp_path)
+    job = Extraction(f"elf:{model}", None, 1, ref, Protocol(size=None), tmp_path)
     with pytest.raises(EvalError, match="small: the image has 16x16 pixels"):
-        run_extract(job)
+        extract_features(job)

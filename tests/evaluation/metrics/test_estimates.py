@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elf_eval.geometry import warp
-from elf_eval.metrics import corner_error, estimate_homography, estimate_pose, pose_error
+from elf_eval.coordinates import warp
+from elf_eval.metrics.homography import corner_error, estimate_homography
+from elf_eval.metrics.pose import estimate_pose, pose_error
 from elf_eval.protocol import Ransac
 
 SIZE = (640, 480)

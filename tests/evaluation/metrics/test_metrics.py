@@ -10,20 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elf_eval.geometry import inside, resize_matrix, warp
-from elf_eval.metrics import (
-    auc,
-    covisible,
-    descriptor_distances,
-    greedy_matching,
-    mean_interval,
-    mean_matching_accuracy,
-    mutual_nearest,
-    paired_difference,
-    repeatability_and_matching_score,
-)
-from elf_eval.metrics.statistics import Difference
+from elf_eval.coordinates import inside, resize_matrix, warp
+from elf_eval.metrics.auc import auc
+from elf_eval.metrics.intervals import Difference, mean_interval, paired_difference
+from elf_eval.metrics.matching import descriptor_distances, mutual_nearest
+from elf_eval.metrics.matching_accuracy import mean_matching_accuracy
 from elf_eval.metrics.student import quantile, two_sided
+from elf_runtime.checks.greedy import greedy_matching
+from elf_runtime.checks.repeatability import covisible, repeatability_and_matching_score
 
 SIZE1, SIZE2 = (60, 40), (50, 45)
 H = np.array([[0.9, 0.1, 3.0], [-0.08, 1.1, 2.0], [1e-3, -5e-4, 1.0]])

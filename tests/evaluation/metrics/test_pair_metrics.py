@@ -8,13 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elf_eval.coordinates import warp
 from elf_eval.data.truth import Calibrated, Homography
 from elf_eval.errors import EvalError
-from elf_eval.features import LocalFeatures
-from elf_eval.geometry import warp
+from elf_eval.features import ImageFeatures, LocalFeatures
 from elf_eval.metrics.pair import pair_metrics
 from elf_eval.protocol import Protocol
-from elf_eval.run.cache import Extracted
 from elf_eval.run.progress import Progress
 
 SIZE = (640, 480)
@@ -24,7 +23,7 @@ PROTOCOL = Protocol()
 
 def extracted(points, descriptors):
     features = LocalFeatures.build(points, np.arange(len(points), 0, -1), descriptors)
-    return Extracted(features, SIZE, np.eye(3), 0.0)
+    return ImageFeatures(features, SIZE, np.eye(3), 0.0)
 
 
 def flat(matrix):

@@ -7,7 +7,7 @@ import warnings
 import pytest
 
 from elf_eval.report import plots
-from elf_eval.report.names import without_folders, wrapped
+from elf_eval.report.method_names import without_folders, wrapped
 from elf_eval.run.results import PairResult, Results
 from elf_eval.suite.suite import TableEntry
 

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from elf_eval.errors import EvalError
-from elf_eval.metrics import auc, auc_trapezoids
+from elf_eval.metrics.auc import auc, auc_trapezoids
 from elf_eval.protocol import Protocol
-from elf_eval.report import plots, write_report
-from elf_eval.report.compare import compare, verdict
+from elf_eval.report import plots
+from elf_eval.report.comparison import compare, verdict
+from elf_eval.report.metrics_csv import write_csv
+from elf_eval.report.page import write_report
 from elf_eval.report.pictures import _title
-from elf_eval.report.tables import build, write_csv
+from elf_eval.report.tables import build
 from elf_eval.run.results import PairResult, Results
 from elf_eval.suite import paper
 from elf_eval.suite.suite import DatasetEntry, MethodEntry, Suite, TableEntry

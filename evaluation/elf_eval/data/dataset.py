@@ -1,4 +1,4 @@
-"""What a dataset is: named pairs of images with their ground truth."""
+"""What a dataset is: pairs of images with their ground truth."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Pair:
     first, second : ImageRef
     truth : Truth
     parameter : float, optional
-        The angle or factor of a derived pair: the abscissa of its curve.
+        The angle or factor of a derived pair, on the x axis of its curve.
     """
 
     scene: str

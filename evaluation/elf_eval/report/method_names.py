@@ -1,4 +1,4 @@
-"""Names of methods that fit where they stand: files without their folders, long ones wrapped."""
+"""Names of methods that fit where they stand: files without their folders, and long names wrapped."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 
 def without_folders(texts: Sequence[str]) -> list[str]:
-    """Methods' texts with each file's name in place of its path, where they then still differ.
+    """Methods' texts with each file's name in place of its path, unless two of them would become the same.
 
     ``elf:/data/models/vgg.onnx?preset=paper`` -> ``elf:vgg.onnx?preset=paper``.  Two files of one name keep
     their paths.

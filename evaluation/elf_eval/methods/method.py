@@ -1,9 +1,6 @@
-"""What a method is. A plugin is a function ``Spec -> Method``, named as ``plugin:module.function``."""
+"""What a method is: a detector, a descriptor, or both."""
 
 from __future__ import annotations
-
-import hashlib
-from pathlib import Path
 
 from elf_eval.data.images import Image
 from elf_eval.errors import EvalError
@@ -16,7 +13,7 @@ class Method:
     Attributes
     ----------
     fingerprint : str
-        Names all that the features depend on (settings, hashes of files, versions): the cache's key.
+        Names all that the features depend on: settings, digests of files and code, versions.  The cache's key.
     cacheable : bool
         False where looking the features up costs no more than the cache would.
     """
@@ -36,7 +33,7 @@ class Method:
         raise EvalError(f"{type(self).__name__} has no detector of its own; choose one with --detector")
 
     def describe(self, image: Image, features: LocalFeatures) -> LocalFeatures:
-        """Someone else's keypoints with this method's descriptors; those that it can't describe are left out.
+        """Another method's keypoints with this one's descriptors; those that it can't describe are left out.
 
         Raises
         ------
@@ -60,11 +57,3 @@ class Composed(Method):
 
     def describe(self, image: Image, features: LocalFeatures) -> LocalFeatures:
         return self.descriptor.describe(image, features)
-
-
-def code_digest(*files: str | Path) -> str:
-    """Hash of source files, for a fingerprint: edited code is not measured by yesterday's features."""
-    sha = hashlib.sha256()
-    for file in sorted(str(f) for f in files):
-        sha.update(Path(file).read_bytes())
-    return sha.hexdigest()[:12]

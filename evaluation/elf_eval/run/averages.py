@@ -1,4 +1,4 @@
-"""From pairs to figures: averaged per scene, then over scenes."""
+"""From pairs to figures: averages per scene, then over scenes."""
 
 from __future__ import annotations
 
@@ -6,21 +6,22 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from elf_eval.metrics import Estimate, mean_interval
-from elf_eval.metrics.names import is_share
-from elf_eval.run.results import PairResult
+from elf_eval.metrics.families import ERRORS, is_share
+from elf_eval.metrics.intervals import Estimate, mean_interval
+
+from .results import PairResult
 
 
 @dataclass(frozen=True)
 class Keypoints:
-    """Number of keypoints over the images: mean and least."""
+    """How many keypoints the images have: the mean, and the least."""
 
     mean: float
     least: int
 
 
 def image_counts(pairs: Iterable[PairResult], second: bool = False) -> dict[str, float]:
-    """Keypoints of each image of the pairs, or of each pair's second image, by its name."""
+    """Number of keypoints of each image of the pairs, or of each pair's second image, by the image's name."""
     first = {} if second else {p.first: p.metrics["n1"] for p in pairs}
     found = first | {p.second: p.metrics["n2"] for p in pairs}
     return {name: count for name, count in found.items() if count is not None}
@@ -42,7 +43,7 @@ def scene_means(pairs: Iterable[PairResult], metric: str) -> dict[str, float]:
 
 
 def summarize(pairs: Sequence[PairResult], metric: str) -> Estimate | None:
-    """Mean over scenes with its interval, within what the metric can be; None where no pair has the metric."""
+    """Mean over scenes, with its interval cut to what the metric can be; None where no pair has the metric."""
     means = scene_means(pairs, metric)
     if not means:
         return None
@@ -57,9 +58,6 @@ def keypoints(pairs: Iterable[PairResult]) -> Keypoints:
 
 
 def metrics_in(pairs: Iterable[PairResult]) -> list[str]:
-    """Names of all metrics, in the order of their first appearance.
-
-    Without the errors, which are missing where nothing was found: their means would reward failure.
-    """
+    """Names of the metrics that can be averaged, in the order of their first appearance."""
     names = dict.fromkeys(name for pair in pairs for name in pair.metrics)
-    return [name for name in names if not name.endswith("_error")]
+    return [name for name in names if name not in ERRORS]

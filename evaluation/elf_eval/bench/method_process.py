@@ -1,6 +1,6 @@
-"""A method in a process of its own, as it would be deployed: no other's memory or threads change its time.
+"""A method in a process of its own, as it would be deployed, so that no other's memory or threads change its time.
 
-It matters: OpenCV's SIFT takes half its time to ask the system for memory and give it back, unless others in the
+OpenCV's SIFT, for example, takes half its time to get memory from the system and give it back, unless others in the
 process have left some.
 """
 
@@ -13,22 +13,22 @@ from types import TracebackType
 
 import cv2
 
+from elf_eval.coordinates import Size
 from elf_eval.data.images import ImageRef
 from elf_eval.errors import EvalError
-from elf_eval.geometry import Size
 from elf_eval.methods import open_methods
 from elf_eval.run.workers import end_with_parent
 
 
-class Alone:
-    """A method that describes one image whenever it is asked to.
+class MethodProcess:
+    """A method that detects and describes one image, whenever it is asked to.
 
     Parameters
     ----------
     detector, descriptor : str
         As of `open_methods`.
     photo : ImageRef
-        Decoded, and resized to `size`, once.
+        Decoded and resized to `size` once.
     limit : int
         At most so many keypoints.
     threads : int
@@ -37,7 +37,7 @@ class Alone:
     Raises
     ------
     EvalError
-        If the method does not open, or fails on the image (`run`).
+        If the method can't be opened; in `run`, if it fails on the image.
     """
 
     def __init__(
@@ -54,11 +54,11 @@ class Alone:
 
     def run(self) -> int:
         """Extract once; the number of keypoints."""
-        with suppress(OSError):  # a process that has ended has no answer either
+        with suppress(OSError):  # a process that has ended does not answer either
             self._ours.send(True)
         return self._answer()
 
-    def __enter__(self) -> Alone:
+    def __enter__(self) -> MethodProcess:
         return self
 
     def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
@@ -92,10 +92,10 @@ def _serve(
     try:
         method = open_methods(detector, descriptor, threads)
         image = photo.open(size)
-        pipe.send(image.size[0])  # decoded: that is nobody's time
+        pipe.send(image.size[0])  # decodes now, because that is not the method's time
         while pipe.recv():
             pipe.send(len(method.extract(image, limit)))
     except (EOFError, KeyboardInterrupt):
         return
-    except Exception as error:  # whatever it is, the process that asks has to say it
+    except Exception as error:  # the process that asks reports it
         pipe.send(str(error) or type(error).__name__)

@@ -7,12 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from elf_eval.errors import EvalError
-from elf_eval.metrics import paired_difference
-from elf_eval.metrics.names import check, is_share
-from elf_eval.metrics.statistics import Difference
+from elf_eval.metrics.families import check_metrics, is_share
+from elf_eval.metrics.intervals import Difference, paired_difference
+from elf_eval.run.averages import metrics_in, scene_means
 from elf_eval.run.results import PairResult, Results
-
-from .summary import metrics_in, scene_means
 
 METRICS = ("rep", "ms", "mma@3", "h_auc@3", "pose_auc@10", "n1")
 
@@ -23,8 +21,10 @@ class Comparison:
 
     Attributes
     ----------
-    pairs, units : int
-        How many have the metric on both sides, and of how many scenes (or again pairs) the difference is the mean.
+    pairs : int
+        How many have the metric on both sides.
+    units : int
+        Of how many scenes, or again pairs, the difference is the mean.
     """
 
     dataset: str
@@ -52,16 +52,16 @@ def compare(
     methods : (in a, in b), optional
         Two methods to hold against each other; by default every method that both have under the same name.
     unit : "scene" or "pair"
-        What the interval is over.  Pairs of a scene share an image and are not independent: intervals over pairs
-        are too narrow.
+        What the interval is over.  The pairs of a scene share an image, so they are not independent, and intervals
+        over pairs are too narrow.
 
     Raises
     ------
     EvalError
-        If there is nothing that both have, or nothing of one of the `metrics`; if one is unknown or can't be
-        averaged (`metric_names.check`).
+        If both have nothing in common, or nothing of one of the `metrics`; if one of them is unknown or can't be
+        averaged (`check_metrics`).
     """
-    check(metrics or (), metrics_in([*a.pairs, *b.pairs]), "these results have")
+    check_metrics(metrics or (), metrics_in([*a.pairs, *b.pairs]), "these results have")
     found = list(_comparisons(a, b, metrics or METRICS, methods, unit))
     if not found:
         names = [sorted({p.method for p in r.pairs}) for r in (a, b)]
@@ -108,7 +108,7 @@ def _units(pairs: list[PairResult], metric: str, unit: str) -> dict[str, float]:
 
 
 def warnings(a: Results, b: Results) -> list[str]:
-    """Differences of protocol, data or versions that a reader of the comparison must know."""
+    """Differences in protocol, data or versions that a reader of the comparison must know about."""
     settings = [(key, value, b.protocol.get(key)) for key, value in a.protocol.items()]
     found = [f"protocol {key}: {value} -> {other}" for key, value, other in settings if value != other]
     digests = [{d["name"]: d["sha256"] for d in r.datasets} for r in (a, b)]
@@ -120,8 +120,8 @@ def warnings(a: Results, b: Results) -> list[str]:
     return found + [f"{k}: {v} -> {b.versions.get(k)}" for k, v in a.versions.items() if b.versions.get(k) != v]
 
 
-def table(comparisons: list[Comparison]) -> str:
-    """Plain text, one line a comparison; shares in percent."""
+def comparison_table(comparisons: list[Comparison]) -> str:
+    """Plain text: a line for each comparison, with shares in percent."""
     lines = [
         f"{'dataset':14} {'counts':6} {'method':32} {'metric':12} {'n':>4} {'b - a':>8}  {'95 % interval':18} {'p':>6}"
     ]

@@ -1,7 +1,7 @@
 """Lists of calibrated pairs in the format of SuperGlue's pair files.
 
-Each line: ``name1 name2 turns1 turns2 K1 (9) K2 (9) T (16)``; the turns are quarter turns, counter-clockwise,
-that bring an image upright, T is (4, 4) from camera 1 to camera 2.  K and T are those of the files as stored.
+Each line is ``name1 name2 turns1 turns2 K1 (9) K2 (9) T (16)``.  So many quarter turns, counter-clockwise, bring an
+image upright; T is (4, 4), from camera 1 to camera 2.  K and T belong to the files as they are stored.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from pathlib import Path
 from elf_eval.errors import EvalError
 from elf_eval.spec import Spec
 
-from .base import Dataset, Pair
+from .dataset import Dataset, Pair
 from .files import scene_name
 from .images import ImageRef
 from .truth import Calibrated
@@ -19,10 +19,11 @@ from .truth import Calibrated
 _FIELDS = 38
 
 
-def posed(spec: Spec) -> Dataset:
-    """``pairs:FILE``; option ``images=FOLDER`` (by default the file's own).
+def pair_list(spec: Spec) -> Dataset:
+    """``pairs:FILE``; option ``images=FOLDER``, by default the folder of FILE.
 
-    A name's folder is the scene; that of names without one is called as the folder of the images."""
+    A name's folder is its scene; names without one belong to a scene called like the folder of the images.
+    """
     listing = spec.file("pairs file")
     root = Path(spec.take("images", str, str(listing.parent))).expanduser()
     pairs = []

@@ -1,4 +1,4 @@
-"""The kinds of methods, by name, and plugins."""
+"""The kinds of methods by name, and plugins."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from types import MappingProxyType
 from elf_eval.errors import EvalError
 from elf_eval.spec import Spec
 
-from .base import Composed, Method
 from .elf import Elf
 from .gradient import Gradient
+from .method import Composed, Method
 from .opencv import OPENCV, OpenCv
 from .precomputed import Precomputed
 from .xfeat import XFeat
@@ -34,8 +34,8 @@ METHODS: Mapping[str, Factory] = MappingProxyType(
 def open_method(text: str, threads: int | None = None) -> Method:
     """The method that a text such as ``elf:vgg.onnx?preset=paper`` names.
 
-    ``plugin:package.module.factory?...`` calls ``factory(spec, threads)`` of an importable module, which
-    takes its options from the spec (`Spec.take`) and returns a `Method`.
+    ``plugin:package.module.factory?...`` calls ``factory(spec, threads)`` of a module that can be imported.  The
+    factory takes its options from the spec (`Spec.take`) and returns a `Method`.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def open_method(text: str, threads: int | None = None) -> Method:
 
 
 def open_methods(detector: str, descriptor: str | None = None, threads: int | None = None) -> Method:
-    """A detector with its own descriptors, or with another method's where `descriptor` names another."""
+    """A detector with its own descriptors, or with those of another method where `descriptor` names one."""
     first = open_method(detector, threads)
     if descriptor is None or descriptor == detector:
         return first

@@ -1,4 +1,4 @@
-"""From pairs to scenes to one figure, and how sure of it one can be."""
+"""Means over scenes, differences of two methods, and how sure of them one can be."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LEVEL = 0.95
 
 @dataclass(frozen=True)
 class Estimate:
-    """A mean over scenes with its interval; `low` and `high` are NaN for a single scene."""
+    """A mean over scenes with its interval; a single scene has none, and `low` and `high` are NaN."""
 
     mean: float
     low: float
@@ -24,7 +24,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Difference:
-    """Mean of b - a over scenes, its interval, and the two-sided p value; NaN where they can't be had."""
+    """Mean of b - a over scenes, its interval, and the two-sided p value; NaN where there is none."""
 
     mean: float
     low: float
@@ -33,42 +33,14 @@ class Difference:
 
     @property
     def is_noise(self) -> bool:
-        """Whether the interval holds 0, or can't be had."""
+        """Whether the interval holds 0, or there is none."""
         return not (self.low > 0.0 or self.high < 0.0)
-
-
-def auc(error: float, threshold: float) -> float:
-    """Area under one pair's recall curve, error <= e for e in [0, threshold], as a share of the whole.
-
-    The mean over pairs is the exact area under their empirical recall curve, so that it averages over scenes
-    like every other metric.  `auc_trapezoids` is the other convention in use.
-    """
-    return max(0.0, 1.0 - error / threshold)
-
-
-def auc_trapezoids(errors: Sequence[float], threshold: float) -> float:
-    """AUC of all pairs together as SuperGlue's authors and most since compute it: to compare with their figures.
-
-    Slopes join (0, 0) and the points (e_i, i / n) of the sorted errors below the threshold, and from the last of
-    them the curve is level; `auc` has steps instead, whose area is smaller by up to the order of 1 / n.
-
-    Parameters
-    ----------
-    errors : (n,), n >= 1
-        Infinite where nothing was found.
-    """
-    ordered = np.sort(np.asarray(errors, np.float64))
-    below = ordered[ordered < threshold]
-    x = np.concatenate([[0.0], below, [threshold]])
-    recall = np.arange(len(below) + 1) / ordered.size
-    y = np.append(recall, recall[-1])
-    return float((np.diff(x) * (y[1:] + y[:-1]) / 2.0).sum() / threshold)
 
 
 def mean_interval(scenes: Sequence[float]) -> Estimate:
     """The mean of per-scene values and Student's 95 % interval.
 
-    A bootstrap's is too narrow where scenes are few: of three, it holds the true mean in 3 cases of 4.
+    A bootstrap interval is too narrow for few scenes: for three, it holds the true mean in 3 cases of 4.
     """
     values = np.asarray(scenes, np.float64)
     mean = float(values.mean()) if values.size else float("nan")
@@ -81,8 +53,8 @@ def mean_interval(scenes: Sequence[float]) -> Estimate:
 def paired_difference(a: Mapping[str, float], b: Mapping[str, float]) -> Difference:
     """b - a over the units (scenes or pairs) that both have, with Student's interval of the paired differences.
 
-    Where all differences are one and the same they have no spread to judge by: p is that of the sign test,
-    2 / 2^n, and there is an interval only from the n on where that is below 5 %.
+    If all differences are the same, there is no spread to judge by.  Then p is that of the sign test, 2 / 2^n, and
+    there is an interval only where that is below 5 %.
     """
     units = sorted(a.keys() & b.keys())
     delta = np.array([b[u] - a[u] for u in units])

@@ -1,4 +1,4 @@
-"""ELF's detection settings as text, for methods and sweeps."""
+"""ELF's detection settings as they are written in a method's text and on a sweep's grid."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
-from .spec import Spec, boolean
+from elf_eval.spec import Spec, boolean
 
 
 def _blur(text: str) -> tuple[int, float]:
@@ -18,7 +18,7 @@ def _threshold(text: str) -> str | float:
     return text if text in ("kapur", "none") else float(text)
 
 
-# max_keypoints is the protocol's, the same for every method.
+# Without max_keypoints, which the protocol sets for every method alike.
 CONVERTERS: Mapping[str, Callable[[str], Any]] = MappingProxyType(
     {
         "denoise": _blur,

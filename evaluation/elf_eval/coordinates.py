@@ -1,4 +1,4 @@
-"""Geometry in pixels, (x, y): integer = pixel centre, so that an image spans [-0.5, width - 0.5)."""
+"""Pixel coordinates (x, y): an integer is a pixel's centre, so an image spans [-0.5, width - 0.5)."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from elf_runtime.checks.repeatability import Float as Float
 from elf_runtime.checks.repeatability import Size as Size
+from elf_runtime.checks.repeatability import Warp as Warp
 from elf_runtime.checks.repeatability import inside as inside
 
 
@@ -32,9 +33,9 @@ def warp(matrix: npt.NDArray[np.floating], points: Any) -> Float:
 
 
 def resize_matrix(source: Size, target: Size) -> Float:
-    """Pixel coordinates of the source image -> those of the resized one.
+    """(3, 3): pixel coordinates of the source image -> those of the resized one.
 
-    The images' outer edges coincide, as in ``cv2.resize``: x' = (x + 0.5) s - 0.5, not x' = s x.
+    The outer edges of the two images coincide, as in ``cv2.resize``: x' = (x + 0.5) s - 0.5, not x' = s x.
     """
     sx, sy = target[0] / source[0], target[1] / source[1]
     return np.array([[sx, 0.0, (sx - 1.0) / 2.0], [0.0, sy, (sy - 1.0) / 2.0], [0.0, 0.0, 1.0]])
@@ -44,17 +45,3 @@ def corners(size: Size) -> Float:
     """(4, 2): the centres of the corner pixels, clockwise from the top left."""
     w, h = size[0] - 1.0, size[1] - 1.0
     return np.array([[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]])
-
-
-def rotation_angle(a: Float, b: Float) -> float:
-    """Angle in degrees between two rotation matrices."""
-    cosine = (np.trace(a.T @ b) - 1.0) / 2.0
-    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
-
-
-def direction_angle(a: Float, b: Float) -> float:
-    """Angle in degrees in [0, 90] between two lines of directions `a` and `b`; NaN for a zero vector."""
-    norms = float(np.linalg.norm(a) * np.linalg.norm(b))
-    if norms == 0.0:
-        return float("nan")
-    return float(np.degrees(np.arccos(np.clip(abs(float(a @ b)) / norms, 0.0, 1.0))))

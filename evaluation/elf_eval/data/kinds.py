@@ -1,4 +1,4 @@
-"""The kinds of datasets, by name."""
+"""The kinds of datasets by name: each a function of its own module."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from types import MappingProxyType
 from elf_eval.errors import EvalError
 from elf_eval.spec import Spec
 
-from .base import Dataset
+from .dataset import Dataset
 from .derived import rotation, scale, synthetic
 from .hpatches import hpatches
-from .posed import posed
+from .pair_list import pair_list
 from .strecha import strecha
 from .webcam import webcam
 
@@ -22,7 +22,7 @@ DATASETS: Mapping[str, Callable[[Spec], Dataset]] = MappingProxyType(
         "rotation": rotation,
         "scale": scale,
         "strecha": strecha,
-        "pairs": posed,
+        "pairs": pair_list,
         "synthetic": synthetic,
     }
 )
