@@ -69,28 +69,16 @@ class LocalFeatures:
         for name, values in (("keypoint", points), ("score", score), ("descriptor", desc)):
             if not np.isfinite(values).all():
                 raise EvalError(f"a {name} is NaN or infinite")
-        order = np.argsort(-score, kind="stable")
-        return cls(
-            points[order],
-            score[order],
-            desc[order],
-            np.broadcast_to(np.asarray(sizes, np.float32), n)[order],
-            np.broadcast_to(np.asarray(angles, np.float32), n)[order],
-        )
+        size, angle = (np.broadcast_to(np.asarray(values, np.float32), n) for values in (sizes, angles))
+        return cls(points, score, desc, size, angle).take(np.argsort(-score, kind="stable"))
 
     def take(self, index: Any) -> LocalFeatures:
         """The features at `index` (integers, a mask or a slice), in that order."""
-        return LocalFeatures(
-            self.keypoints[index],
-            self.scores[index],
-            self.descriptors[index],
-            self.sizes[index],
-            self.angles[index],
-        )
+        return LocalFeatures(*(array[index] for array in vars(self).values()))
 
-    def first(self, count: int | None) -> LocalFeatures:
-        """The `count` strongest; all where `count` is None."""
-        return self if count is None or count >= len(self) else self.take(slice(count))
+    def first(self, count: int) -> LocalFeatures:
+        """The `count` strongest."""
+        return self.take(slice(count))
 
     def described(self, descriptors: npt.NDArray[Any]) -> LocalFeatures:
         """The same keypoints with other descriptors."""
@@ -123,9 +111,8 @@ class ImageFeatures:
 
     def digest(self) -> str:
         """SHA-256 of all but the time."""
-        f = self.features
         sha = hashlib.sha256(repr(self.size).encode())
-        for array in (f.keypoints, f.scores, f.descriptors, f.sizes, f.angles, self.to_working):
+        for array in (*vars(self.features).values(), self.to_working):
             sha.update(f"{array.dtype}{array.shape}".encode())
             sha.update(np.ascontiguousarray(array).tobytes())
         return sha.hexdigest()

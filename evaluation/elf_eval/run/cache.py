@@ -7,6 +7,7 @@ import json
 import os
 import sys
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -81,8 +82,7 @@ def load(path: Path) -> ImageFeatures | None:
 
 def _image_features(data: Mapping[str, npt.NDArray[Any]]) -> ImageFeatures:
     """What `save` wrote; an exception of some kind where it is anything else."""
-    keys = ("keypoints", "scores", "descriptors", "sizes", "angles")
-    features = LocalFeatures.build(*(data[key] for key in keys))
+    features = LocalFeatures.build(*(data[field.name] for field in fields(LocalFeatures)))
     width, height = (int(v) for v in data["size"])
     return ImageFeatures(features, (width, height), data["to_working"].reshape(3, 3), float(data["seconds"]))
 
@@ -90,15 +90,6 @@ def _image_features(data: Mapping[str, npt.NDArray[Any]]) -> ImageFeatures:
 def save(path: Path, found: ImageFeatures) -> None:
     """Write the features of an image to a file that is whole once it is there."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    f = found.features
-    arrays: dict[str, Any] = {
-        "keypoints": f.keypoints,
-        "scores": f.scores,
-        "descriptors": f.descriptors,
-        "sizes": f.sizes,
-        "angles": f.angles,
-        "size": np.asarray(found.size),
-        "to_working": found.to_working,
-        "seconds": np.float64(found.seconds),
-    }
+    image = {"size": found.size, "to_working": found.to_working, "seconds": found.seconds}
+    arrays: dict[str, Any] = {**vars(found.features), **image}
     write_atomically(path, lambda part: np.savez(part, **arrays))

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from elf_eval.errors import EvalError, reason
 from elf_eval.protocol import Protocol
@@ -18,8 +18,6 @@ if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -161,32 +159,31 @@ class Suite:
         """
         try:
             with open(path, "rb") as file:
-                data = tomllib.load(file)
+                data: dict[str, Any] = tomllib.load(file)
         except OSError as error:
             raise EvalError(f"{path}: {reason(error)}") from error
         except ValueError as error:
             raise EvalError(f"{path}: not a TOML file: {error}") from error
-        known = {"title", "note", "protocol", "variables", "method", "dataset", "table", "picture", "groups"}
+        entries: dict[str, type] = {
+            "method": MethodEntry,
+            "dataset": DatasetEntry,
+            "table": TableEntry,
+            "picture": PictureEntry,
+        }
+        known = {*entries, "title", "note", "protocol", "variables", "groups"}
         if unknown := set(data) - known:
             raise EvalError(f"{path}: unknown {sorted(unknown)}; known are {sorted(known)}")
         try:
-            return cls(
-                methods=[_entry(MethodEntry, d, "method") for d in data.get("method", [])],
-                datasets=[_entry(DatasetEntry, d, "dataset") for d in data.get("dataset", [])],
-                title=data.get("title", "Evaluation"),
-                note=data.get("note", ""),
-                protocol=Protocol.from_dict(data.get("protocol", {})),
-                tables=[_entry(TableEntry, d, "table") for d in data.get("table", [])],
-                pictures=[_entry(PictureEntry, d, "picture") for d in data.get("picture", [])],
-                variables=data.get("variables", {}),
-                groups=data.get("groups", {}),
-            )
+            for key, kind in entries.items():
+                data[f"{key}s"] = [_entry(kind, d, key) for d in data.pop(key, [])]
+            data["protocol"] = Protocol.from_dict(data.get("protocol", {}))
+            return cls(**data)
         except EvalError as error:
             raise EvalError(f"{path}: {error}") from error
 
 
-def _entry(kind: type[T], data: Mapping[str, Any], what: str) -> T:
-    known = [f.name for f in fields(kind)]  # type: ignore[arg-type]
+def _entry(kind: type, data: Mapping[str, Any], what: str) -> Any:
+    known = [f.name for f in fields(kind)]
     if unknown := set(data) - set(known):
         raise EvalError(f"{what} {dict(data)}: unknown {sorted(unknown)}; known are {known}")
     try:
