@@ -16,7 +16,7 @@ from .family import FeaturePair, Record
 # All that the metrics of a pair depend on, beside features and settings; for `fingerprint.code_digest`.
 CODE = (
     *sorted({family.measure.__module__ for family in FAMILIES}),
-    *(f"elf_eval.metrics.{name}" for name in ("pair", "family", "matching", "auc")),
+    *(f"elf_eval.metrics.{name}" for name in ("pair", "families", "family", "matching", "auc")),
     *("elf_eval.coordinates", "elf_eval.data.truth", "elf_eval.data.depth", "elf_eval.features"),
     *("elf_runtime.checks.greedy", "elf_runtime.checks.repeatability"),
 )
