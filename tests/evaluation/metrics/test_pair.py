@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import SMALL
 
 from elf_eval.coordinates import warp
+from elf_eval.data import open_dataset
 from elf_eval.data.truth import Calibrated, Homography
 from elf_eval.errors import EvalError
 from elf_eval.features import ImageFeatures, LocalFeatures
+from elf_eval.methods import open_method
 from elf_eval.metrics.pair import pair_metrics
 from elf_eval.protocol import Protocol
-from elf_eval.run.progress import Progress
+from elf_eval.run.cache import extract
+
+PROTOCOL = Protocol()
+
+
+K = np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]])
+
 
 SIZE = (640, 480)
-K = np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]])
-PROTOCOL = Protocol()
 
 
 def extracted(points, descriptors):
@@ -95,17 +101,6 @@ def test_descriptors_of_two_kinds_are_refused():
         pair_metrics(floats, bits, Homography(), PROTOCOL)
 
 
-def test_progress_speaks_at_every_tenth_part_and_can_be_silent():
-    loud, silent = io.StringIO(), io.StringIO()
-    for stream, quiet in ((loud, False), (silent, True)):
-        progress = Progress("stage", 40, stream, quiet)
-        for i in range(40):
-            progress.step(f"step {i}")
-    assert len(loud.getvalue().splitlines()) == 10
-    assert "stage 40/40" in loud.getvalue().splitlines()[-1]
-    assert silent.getvalue() == ""
-
-
 @pytest.mark.parametrize("which", ["first", "second"])
 def test_intrinsics_of_another_size_of_the_image_are_refused(cloud, which):
     """Images reduced to a quarter of what the cameras are for."""
@@ -114,3 +109,13 @@ def test_intrinsics_of_another_size_of_the_image_are_refused(cloud, which):
     wrong = replace(truth, **{"intrinsics1" if which == "first" else "intrinsics2": flat(large)})
     with pytest.raises(EvalError, match=rf"the {which} camera's principal point \(1280, 960\) lies outside"):
         pair_metrics(first, second, wrong, PROTOCOL)
+
+
+def test_all_metrics_of_a_pair_of_the_same_image(hpatches_folder):
+    ref = open_dataset(f"hpatches:{hpatches_folder}").pairs[0].first
+    pair = open_dataset(f"hpatches:{hpatches_folder}").pairs[0]
+    one = extract(open_method("orb"), ref, SMALL)
+    record = pair_metrics(one, one, pair.truth, SMALL)
+    assert record["rep"] == record["mma@1"] == record["mma@10"] == 1.0
+    assert record["h_auc@1"] > 0.999
+    assert record["h_inliers"] == record["matches"] > 10
