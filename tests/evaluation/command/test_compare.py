@@ -6,16 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
-from command_line import error_of
+from command_line import error_of, run_by_hand
 
 from elf_eval.command.main import main
-
-
-def run_by_hand(hpatches_folder, tmp_path, name, *options):
-    where = ["--dataset", f"two=hpatches:{hpatches_folder}", "--out", str(tmp_path / name)]
-    rest = ["--cache", str(tmp_path / "c"), "--quiet", "--size", "160x120", *options]
-    assert main(["run", *where, *rest]) == 0
-    return str(tmp_path / name / "results.json")
 
 
 def test_compare_two_runs_and_two_methods(hpatches_folder, tmp_path, capsys):

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from command_line import run_by_hand
 
 from elf_eval.command.main import main
 from elf_eval.report import plots
@@ -120,13 +121,6 @@ def test_an_output_that_can_t_be_written_is_one_line(suite_file, tmp_path, capsy
     error = capsys.readouterr().err.strip().splitlines()
     assert len(error) == 1
     assert "file" in error[0]
-
-
-def run_by_hand(hpatches_folder, tmp_path, name, *options):
-    where = ["--dataset", f"two=hpatches:{hpatches_folder}", "--out", str(tmp_path / name)]
-    rest = ["--cache", str(tmp_path / "c"), "--quiet", "--size", "160x120", *options]
-    assert main(["run", *where, *rest]) == 0
-    return str(tmp_path / name / "results.json")
 
 
 def test_detector_and_descriptor_apart_on_the_command_line(hpatches_folder, tmp_path):

@@ -40,11 +40,6 @@ def model():
     return path
 
 
-@pytest.fixture
-def image(photo_file):
-    return ImageRef("photo.png", photo_file).open(None)
-
-
 def test_an_elf_model_gives_what_its_runtime_gives(model, image):
     found = open_method(f"elf:{model}?preset=paper&nms_radius=5").extract(image, 40)
     direct = ElfRuntime(model).detect(image.pixels, preset="paper", nms_radius=5, max_keypoints=40)
