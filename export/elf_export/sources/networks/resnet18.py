@@ -13,8 +13,8 @@ from elf_export.preprocessing import Preprocessing
 from elf_export.sources.weights.fit import fit_named
 from elf_export.sources.weights.sources import Download
 
-from .architecture import Architecture, Conv, Maps, Norm, Part
-from .registry import Network
+from .parts.architecture import Architecture, Conv, Maps, Norm, Part
+from .parts.network import Network
 
 # stage -> (inputs, channels, stride of the first block); two blocks a stage
 STAGES = {1: (64, 64, 1), 2: (64, 128, 2), 3: (128, 256, 2), 4: (256, 512, 2)}

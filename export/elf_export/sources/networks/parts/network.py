@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from elf_export.errors import ExportError, LayerError
+from elf_export.errors import LayerError
 from elf_export.preprocessing import Preprocessing
 from elf_export.sources.weights.sources import Download, Wheel
 from elf_runtime import DetectionParams, preset
@@ -20,24 +19,6 @@ if TYPE_CHECKING:
 
 Tensors = Mapping[str, npt.NDArray[np.float32]]
 
-# Name -> module of this package and the Network in it, so that listing the names imports none of them.
-_NETWORKS = {
-    "vgg": ("vgg", "NETWORK"),
-    "alexnet": ("alexnet", "NETWORK"),
-    "alexnet_plain": ("alexnet", "PLAIN"),
-    "alexnet_torchvision": ("alexnet", "ONE_TOWER"),
-    "xception": ("xception", "NETWORK"),
-    "superpoint": ("superpoint", "NETWORK"),
-    "lfnet": ("lfnet", "NETWORK"),
-    "sobel": ("gradients", "SOBEL"),
-    "laplacian": ("gradients", "LAPLACIAN"),
-    "squeezenet": ("squeezenet", "NETWORK"),
-    "resnet18": ("resnet", "NETWORK"),
-    "mobilenet_v2": ("mobilenet_v2", "NETWORK"),
-    "mobilenet_v3_small": ("mobilenet_v3", "NETWORK"),
-    "efficientnet_lite0": ("efficientnet_lite", "NETWORK"),
-}
-
 
 @dataclass(frozen=True)
 class Network:
@@ -46,7 +27,7 @@ class Network:
     Attributes
     ----------
     name : str
-        As in ``--net``.
+        As in ``--net``, and as its file is called.
     layers : sequence of str
         All layer names in forward order.
     default_layer, default_descriptors
@@ -101,28 +82,3 @@ class Network:
         for layer in layers:
             if layer not in self.layers:
                 raise LayerError(f"{self.name} has no layer {layer!r}; it has {', '.join(self.layers)}")
-
-
-def network_names() -> list[str]:
-    return list(_NETWORKS)
-
-
-def get_network(name: str) -> Network:
-    """The network called `name`.
-
-    Raises
-    ------
-    ExportError
-        If there is none, or PyTorch, which named networks are built with, is not installed.
-    """
-    if name not in _NETWORKS:
-        raise ExportError(f"unknown network {name!r}; known are {', '.join(_NETWORKS)}")
-    module, attribute = _NETWORKS[name]
-    try:
-        network = getattr(importlib.import_module(f".{module}", __package__), attribute)
-    except ModuleNotFoundError as error:
-        if error.name != "torch":
-            raise
-        raise ExportError(f"--net {name} is built with PyTorch: pip install torch (the CPU build is enough)") from error
-    assert isinstance(network, Network)
-    return network

@@ -13,7 +13,7 @@ from functools import cached_property, lru_cache
 import torch
 from torch import nn
 
-from .registry import Tensors
+from .network import Tensors
 
 PROBE = 160  # pixels: no pool of a network here runs empty on it
 
