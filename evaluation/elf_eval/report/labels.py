@@ -22,13 +22,7 @@ _SIDES = (
 _ORDERS = 300
 
 
-def place_labels(
-    axes: Any,
-    points: Sequence[tuple[float, float]],
-    texts: Sequence[str],
-    lines: Sequence[Any] = (),
-    size: float = 8.5,
-) -> list[Any]:
+def place_labels(axes: Any, points: Sequence[tuple[float, float]], texts: Sequence[str], lines: Sequence[Any]) -> None:
     """Annotate the points of matplotlib axes, each label at a free place near its point.
 
     A label that is far away gets a thin line to its point.
@@ -39,12 +33,6 @@ def place_labels(
         In data coordinates; the axes' limits and scales are set already.
     lines : sequence of Line2D
         What no label may lie on.
-    size : float
-        Font size in points.
-
-    Returns
-    -------
-    list of Annotation, in the order of the points
     """
     figure = axes.figure
     figure.canvas.draw()  # places the axes and all that is inside
@@ -53,7 +41,7 @@ def place_labels(
     at: Float = axes.transData.transform(np.asarray(points, float))
     notes = [
         axes.annotate(
-            text, point, xytext=(0, 0), textcoords="offset points", fontsize=size, linespacing=1.05,
+            text, point, xytext=(0, 0), textcoords="offset points", fontsize=8.5, linespacing=1.05,
             ha="center", va="center", zorder=4,
         )
         for point, text in zip(points, texts, strict=True)
@@ -74,7 +62,6 @@ def place_labels(
                 "", point, xytext=tuple(end), textcoords="offset points", zorder=2,
                 arrowprops={"arrowstyle": "-", "color": "#999999", "linewidth": 0.8, "shrinkB": 5},
             )  # fmt: skip
-    return notes
 
 
 def choose(at: Float, halves: Float, offsets: Float, taken: Float, inside: Float) -> Float:

@@ -11,7 +11,6 @@ from elf_eval.suite.suite import TableEntry
 
 from . import plots
 from .metrics_csv import write_csv
-from .table import Table
 from .tables import build
 
 
@@ -42,19 +41,18 @@ def write_report(
     """
     out.mkdir(parents=True, exist_ok=True)
     write_csv(results, out / "tables.csv")
-    drawn = plots.available()
-    sections: list[tuple[TableEntry, list[Table], list[str]]] = []
+    parts = [f"# {title}", note, "\n".join(f"- {fact}" for fact in _facts(results, command))]
+    plotted: list[Path] = []
     for number, entry in enumerate(tables or [TableEntry("All methods")], start=1):
-        images: list[str] = []
-        if drawn:
-            written = plots.plot(results, entry, out / "plots" / f"{number:02d}")
-            images = [f"plots/{path.name}" for path in written]
-        sections.append((entry, build(results, entry), images))
-    facts = _facts(results, command)
-    shown = [path.relative_to(out).as_posix() for path in pictures]
-    (out / "README.md").write_text(_markdown(title, note, facts, sections, shown))
-    names = ["README.md", "tables.csv"]
-    return [*names, "plots/"] if any(images for _, _, images in sections) else names
+        written = plots.plot(results, entry, out / "plots" / f"{number:02d}") if plots.available() else []
+        plotted += written
+        parts += [f"## {entry.title}", entry.note, *(table.markdown() for table in build(results, entry))]
+        parts += [f"![{entry.title}](plots/{path.name})" for path in written]
+    if pictures:
+        parts += ["## Matches", "Green: right; red: wrong; blue: keypoints without a match."]
+        parts += [f"![matches]({path.relative_to(out).as_posix()})" for path in pictures]
+    (out / "README.md").write_text("\n\n".join(filter(None, parts)) + "\n")
+    return ["README.md", "tables.csv", *(["plots/"] if plotted else [])]
 
 
 def _facts(results: Results, command: str) -> list[str]:
@@ -105,24 +103,6 @@ def _estimator(settings: Mapping[str, Any]) -> str:
         f"{s['estimator']}: {s['threshold']:g} px, {s['iterations']} iterations, confidence {s['confidence']}, "
         f"seed {s['seed']}"
     )
-
-
-def _markdown(
-    title: str,
-    note: str,
-    facts: list[str],
-    sections: list[tuple[TableEntry, list[Table], list[str]]],
-    pictures: list[str],
-) -> str:
-    parts = [f"# {title}", *([note] if note else []), "\n".join(f"- {fact}" for fact in facts)]
-    for entry, tables, images in sections:
-        parts += [f"## {entry.title}", *([entry.note] if entry.note else [])]
-        parts += [table.markdown().rstrip("\n") for table in tables]
-        parts += [f"![{entry.title}]({image})" for image in images]
-    if pictures:
-        parts += ["## Matches", "Green: right; red: wrong; blue: keypoints without a match."]
-        parts += [f"![matches]({picture})" for picture in pictures]
-    return "\n\n".join(parts) + "\n"
 
 
 def write_index(out: Path) -> None:

@@ -39,9 +39,9 @@ def markdown(study: Study, picture: str | None = None) -> str:
     )
     parts = ["# Time and matching score", about["note"], text]
     parts += [f"![Time against matching score]({picture})"] if picture else []
-    parts.append(_main(study).markdown().rstrip())
+    parts.append(_main(study).markdown())
     if any(p.groups for p in study.points):
-        parts.append(_groups(study).markdown().rstrip())
+        parts.append(_groups(study).markdown())
     return "\n\n".join(filter(None, parts)) + "\n"
 
 

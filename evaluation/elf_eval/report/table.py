@@ -17,4 +17,4 @@ class Table:
         """GitHub's pipe table."""
         lines = [self.header, ["---"] * len(self.header), *self.rows]
         body = "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
-        return f"**{self.caption}**\n\n{body}\n"
+        return f"**{self.caption}**\n\n{body}"
