@@ -36,7 +36,7 @@ class Spec:
 
     @classmethod
     def parse(cls, text: str) -> Spec:
-        """Raises EvalError where an option is not ``name=value``."""
+        """Split a text.  Raises EvalError where an option is not ``name=value``."""
         head, _, tail = text.partition("?")
         kind, _, argument = head.partition(":")
         options: dict[str, str] = {}
@@ -65,7 +65,7 @@ class Spec:
             raise EvalError(f"{self.text}: option {name}={value}: {error}") from error
 
     def finish(self) -> None:
-        """Raises EvalError where an option was not taken by anyone."""
+        """Raises EvalError where nobody has taken an option."""
         if self.options:
             raise EvalError(f"{self.text}: unknown options {sorted(self.options)}; known are {sorted(self.known)}")
 

@@ -1,4 +1,4 @@
-"""Measuring a study: all methods are timed in one run, in turns, and their figures come from the results of another."""
+"""A study is measured: all methods are timed in turns, and their figures come from the results of a run."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from elf_runtime.files.write import existing, unwritable
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse what is not a folder, or can't be written into; a folder that is missing is not made yet."""
+    """Refuse a path that is not a folder or can't be written into.  A missing folder is not made yet."""
     if reason := unwritable(existing(folder)):
         raise EvalError(reason)
 

@@ -15,7 +15,7 @@ from .truth import Homography
 
 
 def is_image(path: Path) -> bool:
-    """Whether a file's ending is that of an image; hidden files are none."""
+    """Whether a file's ending is an image's; hidden files don't count."""
     return path.suffix.lower() in IMAGE_ENDINGS and not path.name.startswith(".")
 
 

@@ -15,7 +15,7 @@ from .depth import read_depth, through_depth
 
 @dataclass(frozen=True)
 class Pose:
-    """x2 = rotation x1 + translation, in camera coordinates; cameras map those to working pixels."""
+    """x2 = rotation x1 + translation in camera coordinates, which camera1 and camera2 map to working pixels."""
 
     rotation: Float
     translation: Float

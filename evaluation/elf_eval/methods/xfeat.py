@@ -93,7 +93,7 @@ def keypoint_probability(logits: FloatArray) -> FloatArray:
 
 
 def local_maxima(heat: FloatArray, radius: int) -> npt.NDArray[np.bool_]:
-    """(H, W) bool: the highest of its window of 2 radius + 1 pixels."""
+    """(H, W) bool: whether a pixel is the highest of its window of 2 radius + 1 pixels."""
     window = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
     return np.asarray(heat == cv2.dilate(heat, window))
 

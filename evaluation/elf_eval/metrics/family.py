@@ -38,7 +38,7 @@ class FeaturePair:
 
     @cached_property
     def descriptor_distance(self) -> Float:
-        """(N1, N2)"""
+        """(N1, N2) distances between the descriptors of all keypoints."""
         return descriptor_distances(self.first.features.descriptors, self.second.features.descriptors)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""How well the matches give the homography back."""
+"""How well the matches recover the homography."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well the matches give the relative pose of two calibrated cameras back."""
+"""How well the matches recover the relative pose of two calibrated cameras."""
 
 from __future__ import annotations
 
