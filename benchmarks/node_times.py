@@ -25,7 +25,7 @@ from elf_export.adjoint.gradient import ADJOINT
 from elf_export.graph.graph import attributes
 from elf_export.graph.response import sums_channels
 from elf_runtime.contract import ModelContract
-from elf_runtime.image.convert import read
+from elf_runtime.image import read
 from elf_runtime.model.session import open_session
 from elf_runtime.model.subgraph import with_outputs
 

@@ -13,7 +13,7 @@ import sys
 
 from elf_export import Reduction, export_network
 from elf_runtime import preset
-from elf_runtime.model.session import BUNDLED, bundled_model
+from elf_runtime.model.bundled import BUNDLED, bundled_model
 
 
 def main() -> int:

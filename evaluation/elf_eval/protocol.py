@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import cv2
+
+from elf_runtime.plain import read_dataclass
 
 from .coordinates import Size
 from .errors import EvalError
@@ -92,27 +94,10 @@ class Protocol:
         Raises
         ------
         EvalError
-            On an unknown key.
+            On an unknown key, or a value of another kind.
         """
-        known = {f.name for f in fields(cls)}
-        if unknown := set(data) - known:
-            raise EvalError(f"protocol: unknown settings {sorted(unknown)}; known are {sorted(known)}")
-        values = dict(data)
-        if "size" in values:
-            values["size"] = _size(values["size"])
-        if "counts" in values:
-            values["counts"] = tuple(values["counts"])
-        for name in ("homography", "pose"):
-            if isinstance(values.get(name), Mapping):
-                values[name] = Ransac(**values[name])
-        return cls(**values)
-
-
-def _size(value: Any) -> Size | None:
-    if value in (None, "source"):
-        return None
-    try:
-        width, height = (int(v) for v in value)
-    except (TypeError, ValueError) as error:
-        raise EvalError(f"protocol: size is [width, height] or 'source', not {value!r}") from error
-    return width, height
+        stated = {**data, "size": None} if data.get("size") == "source" else data
+        try:
+            return read_dataclass(cls, stated)
+        except ValueError as error:
+            raise EvalError(f"protocol: {error}") from error

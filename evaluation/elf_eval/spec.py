@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
+
+from elf_runtime.params import SETTINGS, setting_value
 
 from .errors import EvalError
 
@@ -63,6 +66,11 @@ class Spec:
             return convert(value)
         except (ValueError, TypeError) as error:
             raise EvalError(f"{self.text}: option {name}={value}: {error}") from error
+
+    def settings(self, names: Sequence[str] = SETTINGS) -> dict[str, Any]:
+        """The fields of `elf_runtime.DetectionParams`, of those named, that the options give: ``scale=0.5``, ..."""
+        changes = {name: self.take(name, partial(setting_value, name), None) for name in names}
+        return {name: value for name, value in changes.items() if value is not None}
 
     def finish(self) -> None:
         """Raises EvalError where nobody has taken an option."""

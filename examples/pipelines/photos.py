@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_runtime import ElfRuntime, Features, match
-from elf_runtime.image.convert import named, read
+from elf_runtime.image.file import image_errors, read
 
 RATIO = 0.9  # repeated texture has second neighbours that are nearly as near: no match is better than a wrong one
 
@@ -51,7 +51,7 @@ def features_of(photos: dict[str, Path]) -> dict[str, Features]:
     found = {}
     for name, path in photos.items():
         pixels = read(path, ignore_exif=True)  # the cameras that COLMAP estimates are of the stored pixels
-        with named(path):
+        with image_errors(path):
             found[name] = elf.detect(pixels, preset="accurate", max_keypoints=2000)
     return found
 

@@ -19,7 +19,8 @@ import numpy.typing as npt
 
 from elf_runtime import InputSpec
 from elf_runtime.errors import ImageError
-from elf_runtime.image.convert import is_flat, named, read, resized, to_pixels
+from elf_runtime.image.convert import is_flat, resized, to_pixels
+from elf_runtime.image.file import image_errors, read
 
 from .errors import ExportError
 
@@ -104,7 +105,7 @@ def decoded(path: Path) -> npt.NDArray[Any]:
     """
     try:
         image = read(path)
-        with named(path):
+        with image_errors(path):
             to_pixels(image, InputSpec())
     except ImageError as error:
         raise ExportError(str(error)) from error

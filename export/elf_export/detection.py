@@ -32,14 +32,4 @@ def chosen(own: DetectionParams, wanted: Wanted) -> DetectionParams:
 
 def arguments(own: DetectionParams, detection: DetectionParams) -> list[str]:
     """`elf-export`'s options for what differs from the network's own settings."""
-    base, words = own.to_dict(), []
-    for name, value in detection.to_dict().items():
-        if value != base[name]:
-            words += ["--set", f"{name}={_text(value)}"]
-    return words
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, (tuple, list)):
-        return ",".join(map(_text, value))
-    return str(value).lower() if isinstance(value, bool) else str(value)
+    return [word for setting in detection.to_words(own) for word in ("--set", setting)]

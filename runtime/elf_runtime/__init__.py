@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from . import libraries as libraries  # before all that imports OpenCV or ONNX Runtime
 from .contract import DescriptorSpec, InputSpec, ModelContract, WeightsSpec
-from .engine import ElfRuntime, Trace
+from .engine import ElfRuntime
 from .errors import ContractError, ElfError, ImageError, ModelError, ProviderError, SettingError
 from .model.ort_format import to_ort
-from .params import PRESETS, DetectionParams, preset
+from .params import DetectionParams
+from .presets import PRESETS, preset
 from .results.features import Features
 from .results.matching import match
+from .results.trace import Trace
 
 __version__ = "0.1.0"
 

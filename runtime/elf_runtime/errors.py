@@ -9,12 +9,13 @@ LONGEST_LINE = 2000
 class ElfError(Exception):
     """Base of the errors below: catch this one to catch them all.
 
-    Its text is safe to print: names and metadata come from files, which may hold a megabyte, or what a terminal obeys.
+    Its text is safe to print, although names and metadata come from files: it is cut to a length, and what a terminal
+    would obey is escaped.
 
     Attributes
     ----------
     has_rows : bool
-        Whether the text is a first line and rows below it, a list; else commands print it as one line.
+        Whether the text is a list, a first line with rows below it.  Commands print any other text as one line.
     """
 
     has_rows = False
@@ -44,12 +45,12 @@ class SettingError(ElfError, ValueError):
 
 
 def printable(text: str) -> str:
-    """`text` with ``\\x1b`` and the like in place of what is not printed but obeyed, or is no Unicode at all."""
+    """`text` with control characters, and what is not Unicode, escaped: ``\\x1b``."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def shortened(text: str, most: int) -> str:
-    """`text` without its middle where it is longer than `most` characters: what it begins and ends with says most."""
+    """`text` in at most `most` characters.  The middle is left out, because beginning and end say most."""
     half = (most - 5) // 2
     return text if len(text) <= most else f"{text[:half]} ... {text[-half:]}"
 

@@ -1,7 +1,7 @@
-"""OpenCV and ONNX Runtime: found at the import, or an error that says what to install; nothing is sent home.
+"""Load OpenCV and ONNX Runtime, or say what to install.  ONNX Runtime's telemetry is switched off.
 
-The package imports this module before any other of its own, and elf_export and elf_eval import the package first, so
-that whatever imports ONNX Runtime afterwards has it as it is prepared here.
+The package imports this module before its others, and elf_export and elf_eval import the package first.  So ONNX
+Runtime is loaded here, with its telemetry off, whoever imports it afterwards.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Library:
     Attributes
     ----------
     part : str
-        What every build has, and an empty folder that another build's removal left behind has not.
+        A name in the module of every build.  The empty folder that stays when one of two builds is removed lacks it.
     """
 
     module: str
@@ -71,10 +71,10 @@ ONNXRUNTIME = Library(
 
 
 def prepare() -> None:
-    """Load both, with ONNX Runtime's telemetry off unless the environment has a word on it.
+    """Load both, with ONNX Runtime's telemetry off unless the environment asks for it.
 
-    The variable is seen by child processes too.  Where ONNX Runtime was loaded before, or reads no such variable, what
-    its interface can still switch off is.
+    Child processes inherit the variable.  An ONNX Runtime that was loaded before, or does not read it, is told through
+    its interface.
     """
     value = os.environ.get(TELEMETRY) or "1"
     os.environ[TELEMETRY] = value

@@ -1,4 +1,4 @@
-"""Detection settings, and the presets that name the useful ones.
+"""Detection settings: what they mean, which values they take, and how they are written as text.
 
 Blurs are ``(mu, sigma)``: a ``mu x mu`` Gaussian window (mu odd) of standard deviation sigma, as in the
 paper's tables, in pixels of the working image: the source image times `scale`.  `nms_radius` and `border` are
@@ -7,8 +7,8 @@ in pixels of the source image, whatever the scale; `max_keypoints` counts.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,6 @@ import numpy as np
 from .errors import SettingError
 
 Blur = tuple[int, float]
-
-
 WIDEST_BLUR = 999  # pixels; wider ones leave nothing of an image
 
 
@@ -80,46 +78,13 @@ class DetectionParams:
     grid: tuple[int, int] = (1, 1)
 
     def __post_init__(self) -> None:
-        for name in ("denoise", "threshold_blur"):
-            blur = getattr(self, name)
-            ok = isinstance(blur, (tuple, list)) and len(blur) == 2 and is_int(blur[0]) and is_number(blur[1])
-            if not ok or not 1 <= blur[0] <= WIDEST_BLUR or blur[0] % 2 == 0 or not 0 < blur[1] < float("inf"):
-                raise SettingError(
-                    f"{name} is (mu, sigma) with mu odd, 1 to {WIDEST_BLUR}, and sigma > 0, not {blur!r}"
-                )
-            object.__setattr__(self, name, (int(blur[0]), float(blur[1])))
-        if isinstance(self.threshold, str):
-            if self.threshold not in ("kapur", "none"):
-                raise SettingError(f"threshold is 'kapur', 'none' or a number in [0, 1], not {self.threshold!r}")
-        elif not is_number(self.threshold) or not 0.0 <= self.threshold <= 1.0:
-            raise SettingError(f"threshold is 'kapur', 'none' or a number in [0, 1], not {self.threshold!r}")
-        for name, least in (("nms_radius", 0), ("border", 0), ("max_keypoints", 0)):
+        for name, (expected, checked) in _RULES.items():
             value = getattr(self, name)
-            if not is_int(value) or value < least:
-                raise SettingError(f"{name} is an integer >= {least}, not {value!r}")
-            object.__setattr__(self, name, int(value))
-        if not is_number(self.scale) or not 0.0 < self.scale <= 8.0:
-            raise SettingError(f"scale is a number in (0, 8], not {self.scale!r}")
-        if not is_number(self.normalize) or not 0.0 < self.normalize <= 1.0:
-            raise SettingError(f"normalize is a quantile in (0, 1], not {self.normalize!r}")
-        if not is_number(self.min_contrast) or not 0.0 <= self.min_contrast <= 255.0:
-            raise SettingError(f"min_contrast is a number of grey levels in [0, 255], not {self.min_contrast!r}")
-        near = self.mask_border
-        if not (near == "auto" if isinstance(near, str) else is_int(near) and near >= 0):
-            raise SettingError(f"mask_border is 'auto' or an integer >= 0, not {self.mask_border!r}")
-        grid = self.grid
-        if not (isinstance(grid, (tuple, list)) and len(grid) == 2 and all(is_int(n) and n >= 1 for n in grid)):
-            raise SettingError(f"grid is (rows, columns), integers >= 1, not {grid!r}")
-        object.__setattr__(self, "grid", (int(grid[0]), int(grid[1])))
-        object.__setattr__(self, "mask_border", near if isinstance(near, str) else int(near))
-        for name in ("threshold", "scale", "normalize", "min_contrast"):
-            value = getattr(self, name)
-            object.__setattr__(self, name, str(value) if isinstance(value, str) else float(value))
-        for name in ("quantize", "subpixel"):
-            if not isinstance(getattr(self, name), bool):
-                raise SettingError(f"{name} is True or False, not {getattr(self, name)!r}")
+            if (found := checked(value)) is None:
+                raise SettingError(f"{name} is {expected}, not {value!r}")
+            object.__setattr__(self, name, found)
 
-    def updated(self, **changes: Any) -> DetectionParams:
+    def updated(self, /, **changes: Any) -> DetectionParams:
         """A copy with the settings that are not None replaced.
 
         Raises
@@ -127,10 +92,9 @@ class DetectionParams:
         SettingError
             On an unknown name or a value out of range.
         """
-        known = {f.name for f in fields(self)}
         for name in changes:
-            if name not in known:
-                raise SettingError(f"unknown detection setting {name!r}; known are {sorted(known)}")
+            if name not in SETTINGS:
+                raise SettingError(f"unknown detection setting {name!r}; known are {sorted(SETTINGS)}")
         return replace(self, **{name: value for name, value in changes.items() if value is not None})
 
     def to_dict(self) -> dict[str, Any]:
@@ -141,6 +105,62 @@ class DetectionParams:
     def from_dict(cls, data: Mapping[str, Any]) -> DetectionParams:
         """Inverse of `to_dict`; an unknown key is an error."""
         return cls().updated(**data)
+
+    def to_words(self, base: DetectionParams) -> list[str]:
+        """What differs from `base`, as ``NAME=VALUE``: `parse_setting` reads it, to the last digit."""
+        own, others = vars(self), vars(base)
+        return [f"{name}={setting_text(value)}" for name, value in own.items() if value != others[name]]
+
+
+def parse_setting(text: str) -> tuple[str, Any]:
+    """A setting's name and value: "scale=0.5", "denoise=5,1.2", "subpixel=true", "threshold=kapur".
+
+    The name may be any: `DetectionParams` knows which there are, and which values they take.
+
+    Raises
+    ------
+    SettingError
+        If the text is not ``NAME=VALUE``.
+    """
+    name, equals, value = text.partition("=")
+    if not equals or not name or not all(map(str.strip, value.split(","))):
+        raise SettingError(f"{text!r} is not NAME=VALUE")
+    return name.strip(), parse_value(value)
+
+
+def parse_value(text: str) -> Any:
+    """A number, true or false, a word, or, between commas, several of them: what the text of a setting stands for."""
+    parts = [_parse_part(part.strip()) for part in text.split(",")]
+    return parts[0] if len(parts) == 1 else tuple(parts)
+
+
+def setting_value(name: str, text: str) -> Any:
+    """`parse_value` for the setting of that name.
+
+    Raises
+    ------
+    SettingError
+        If there is no such setting, or it can't have this value.
+    """
+    return getattr(DetectionParams().updated(**{name: parse_value(text)}), name)
+
+
+def setting_text(value: Any) -> str:
+    """A setting's value as `parse_setting` reads it."""
+    if isinstance(value, tuple):
+        return ",".join(map(setting_text, value))
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _parse_part(text: str) -> Any:
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text
 
 
 def is_int(value: object) -> bool:
@@ -153,52 +173,64 @@ def is_number(value: object) -> bool:
     return is_int(value) or isinstance(value, (float, np.floating))
 
 
-_PAPER = DetectionParams(quantize=True, min_contrast=0.0)
+Checked = Callable[[Any], Any]
+"""Gives a value as Python's own type, or None where a setting can't have it."""
 
-# The paper's table of (denoise, threshold) blurs; a network that is not in it gets VGG's.
-_PAPER_BY_NETWORK: dict[str, DetectionParams] = {
-    "xception": replace(_PAPER, denoise=(9, 3.0)),
-    "superpoint": replace(_PAPER, denoise=(7, 2.0), threshold_blur=(17, 6.0)),
-    "sobel": replace(_PAPER, denoise=(9, 9.0)),
-    "laplacian": replace(_PAPER, denoise=(9, 9.0)),
+
+def _integer(value: Any) -> int | None:
+    return int(value) if is_int(value) and value >= 0 else None
+
+
+def _number(most: float, above: float = -1.0) -> Checked:
+    """Numbers from 0 to `most`, above `above`."""
+    return lambda value: float(value) if is_number(value) and 0.0 <= value <= most and value > above else None
+
+
+def _word(words: Sequence[str], other: Checked) -> Checked:
+    """One of the words, or what `other` takes."""
+    return lambda value: (str(value) if value in words else None) if isinstance(value, str) else other(value)
+
+
+def _boolean(value: Any) -> bool | None:
+    return value if isinstance(value, bool) else None
+
+
+def _is_pair(value: Any) -> bool:
+    return isinstance(value, (tuple, list)) and len(value) == 2
+
+
+def _blur(value: Any) -> Blur | None:
+    if not (_is_pair(value) and is_int(value[0]) and is_number(value[1])):
+        return None
+    mu, sigma = int(value[0]), float(value[1])
+    return (mu, sigma) if 1 <= mu <= WIDEST_BLUR and mu % 2 == 1 and 0.0 < sigma < float("inf") else None
+
+
+def _grid(value: Any) -> tuple[int, int] | None:
+    if not (_is_pair(value) and all(is_int(count) and count >= 1 for count in value)):
+        return None
+    return int(value[0]), int(value[1])
+
+
+_BLUR = (f"(mu, sigma) with mu odd, 1 to {WIDEST_BLUR}, and sigma > 0", _blur)
+_COUNT = ("an integer >= 0", _integer)
+_FLAG = ("True or False", _boolean)
+
+# Setting -> what it is, in words, and the check that says so.
+_RULES: Mapping[str, tuple[str, Checked]] = {
+    "denoise": _BLUR,
+    "threshold_blur": _BLUR,
+    "threshold": ("'kapur', 'none' or a number in [0, 1]", _word(("kapur", "none"), _number(1.0))),
+    "nms_radius": _COUNT,
+    "border": _COUNT,
+    "max_keypoints": _COUNT,
+    "scale": ("a number in (0, 8]", _number(8.0, above=0.0)),
+    "quantize": _FLAG,
+    "normalize": ("a quantile in (0, 1]", _number(1.0, above=0.0)),
+    "subpixel": _FLAG,
+    "mask_border": ("'auto' or an integer >= 0", _word(("auto",), _integer)),
+    "min_contrast": ("a number of grey levels in [0, 255]", _number(255.0)),
+    "grid": ("(rows, columns), integers >= 1", _grid),
 }
-
-# Measured with the bundled model (README.md has the figures).  The blur grows with the working scale: it spans the
-# same part of the scene.  The border keeps out what the network's zero padding makes of plain coloured ground.
-DEFAULT = DetectionParams(denoise=(5, 1.2), normalize=0.95, nms_radius=6, border=14, scale=0.45, subpixel=True)
-_OURS: dict[str, DetectionParams] = {
-    "fast": replace(DEFAULT, scale=0.28, denoise=(3, 0.8), border=20, min_contrast=1.0),
-    "default": DEFAULT,
-    "accurate": replace(DEFAULT, scale=0.75, denoise=(7, 1.8), border=12),
-}
-
-PRESETS: tuple[str, ...] = (*_OURS, "paper", "paper-webcam", "paper-robust", "paper-components")
-
-
-def preset(name: str, network: str = "vgg") -> DetectionParams:
-    """The named settings.
-
-    ``fast``, ``default`` and ``accurate`` are this project's, for its bundled model, at working scales of 0.28, 0.45
-    and 0.75: a larger one places keypoints better.
-
-    The others are the paper's for `network`, at full resolution, with its 8-bit saliency: ``paper`` is the generic
-    setting (HPatches), ``paper-webcam`` the one of the Webcam runs, ``paper-robust`` that of the rotation, scale and
-    3D-viewpoint runs, ``paper-components`` that of the runs where a detector or a descriptor is compared alone.
-
-    Raises
-    ------
-    SettingError
-        If there is no such preset.
-    """
-    if isinstance(name, str) and name in _OURS:
-        return _OURS[name]
-    params = _PAPER_BY_NETWORK.get(network, _PAPER)
-    if name == "paper":
-        return params
-    if name == "paper-webcam":
-        return replace(params, denoise=(9, 9.0)) if network == "xception" else params
-    if name == "paper-robust":
-        return replace(_PAPER, denoise=(5, 2.0), threshold_blur=(17, 6.0))
-    if name == "paper-components":
-        return replace(params, threshold_blur=(5, 5.0))
-    raise SettingError(f"unknown preset {name!r}; known are {list(PRESETS)}")
+SETTINGS: tuple[str, ...] = tuple(_RULES)
+"""The names of all settings."""

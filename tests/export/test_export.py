@@ -25,7 +25,7 @@ from elf_export.sources.networks import get_network
 from elf_export.sources.networks.vgg import LAYERS, tensor_shapes
 from elf_export.sources.weights.load import load_weights
 from elf_runtime import ElfRuntime, preset
-from elf_runtime.model.session import BUNDLED, bundled_model
+from elf_runtime.model.bundled import BUNDLED, bundled_model
 from helpers import ROOT, shared, textured
 from seeded import evaluator64, seeded_weights
 

@@ -12,7 +12,7 @@ import pytest
 from elf_export.saliency import build_saliency
 from elf_export.sources.forward import NETWORK_INPUT, torch_to_onnx
 from elf_export.sources.networks import get_network, network_names
-from elf_runtime.model.session import bundled_model
+from elf_runtime.model import bundled_model
 from seeded import seeded_weights
 
 # Run by TensorRT (8.6 and later, opsets 9 to 20) and by the CUDA provider, for float32.

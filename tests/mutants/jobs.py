@@ -12,7 +12,7 @@ import numpy as np
 from elf_runtime import ElfRuntime, ImageError
 from elf_runtime.commands.detect import main as detect
 from elf_runtime.commands.info import main as info
-from elf_runtime.model.session import bundled_model
+from elf_runtime.model import bundled_model
 from helpers import TINY, textured
 
 from . import images, wire

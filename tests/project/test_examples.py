@@ -21,8 +21,9 @@ import numpy.typing as npt
 import pytest
 
 from elf_runtime import ElfRuntime, Features, match
-from elf_runtime.image.convert import read
-from elf_runtime.model.session import bundled_model, open_session
+from elf_runtime.image import read
+from elf_runtime.model import bundled_model
+from elf_runtime.model.session import open_session
 from helpers import ROOT, textured, turned_jpeg
 
 EXAMPLES = ROOT / "examples"

@@ -8,8 +8,8 @@ import re
 import pytest
 
 from elf_runtime import ElfRuntime, preset
+from elf_runtime.model.bundled import BUNDLED, bundled_model
 from elf_runtime.model.onnx_file import read_onnx
-from elf_runtime.model.session import BUNDLED, bundled_model
 from helpers import ROOT
 
 CARD = (ROOT / "models" / "README.md").read_text(encoding="utf-8")

@@ -14,10 +14,9 @@ from elf_eval.errors import EvalError
 from elf_eval.run.averages import having, keypoints, scene_means, summarize
 from elf_eval.run.results import PairResult, Results
 from elf_eval.suite.suite import MethodEntry, Suite
-from elf_runtime.checks.statistics import median_interval, paired_ratio
-from elf_runtime.commands._contenders import Contender
-from elf_runtime.commands._fresh import environment
-from elf_runtime.commands._timing import interleaved
+from elf_runtime.timing.environment import environment
+from elf_runtime.timing.interleave import Workload, interleaved
+from elf_runtime.timing.statistics import median_interval, paired_ratio
 
 from .method_process import MethodProcess
 from .pareto import Point, Study
@@ -138,11 +137,11 @@ def _start(
 def _times(starts: Sequence[Callable[[], MethodProcess]], repeats: int, warmup: int) -> list[list[float]]:
     """Seconds of each method's repetitions, in its order; each method has a process of its own."""
 
-    def contender(name: str, method: MethodProcess) -> Contender:
-        return Contender(name, name, lambda: (method.run(), {}))
+    def workload(name: str, method: MethodProcess) -> Workload:
+        return Workload(name, name, lambda: (method.run(), {}))
 
     with ExitStack() as stack:
         methods = [stack.enter_context(start()) for start in starts]
-        contenders = [contender(str(i), method) for i, method in enumerate(methods)]
-        samples, _ = interleaved(contenders, warmup, repeats)
-    return [samples[c.name] for c in contenders]
+        workloads = [workload(str(i), method) for i, method in enumerate(methods)]
+        samples, _ = interleaved(workloads, warmup, repeats)
+    return [samples[w.name] for w in workloads]

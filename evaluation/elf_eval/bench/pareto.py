@@ -10,7 +10,7 @@ from typing import Any
 
 from elf_eval.errors import EvalError, reason
 from elf_eval.run.averages import Keypoints
-from elf_runtime.checks.statistics import Interval
+from elf_runtime.timing.statistics import Interval
 
 SCHEMA = 1
 

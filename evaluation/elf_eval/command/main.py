@@ -7,13 +7,13 @@ import shlex
 import sys
 from collections.abc import Sequence
 
-from elf_runtime.commands.command import new_parser
+from elf_runtime.commands.command import Parser, new_parser
 from elf_runtime.commands.command import run as run_command
 
 from . import compare, images, kinds, pareto, report, run, sweep
 
 
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> Parser:
     """The parser; the function of the subcommand ends up in ``args.action``."""
     parser = new_parser("elf-eval", "Compare keypoint detectors and descriptors, by the ELF paper's protocol.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")

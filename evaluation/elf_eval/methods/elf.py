@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from typing import Any
 
 import onnxruntime
 
@@ -13,21 +12,15 @@ from elf_eval.features import LocalFeatures
 from elf_eval.fingerprint import code_digest, file_digest
 from elf_eval.spec import Spec
 from elf_runtime import ElfError, ElfRuntime, SettingError
-from elf_runtime.model.session import BUNDLED, bundled_model
+from elf_runtime.model.bundled import BUNDLED, bundled_model
 
-from .detection_settings import detection_changes
 from .method import Method
 
 # What leads from pixels to features, for the fingerprint; commands, pictures and checks don't.
 CODE = (
-    *(
-        "elf_eval.methods.elf",
-        "elf_eval.features",
-        "elf_runtime.contract",
-        "elf_runtime.detection",
-        "elf_runtime.engine",
-    ),
-    *("elf_runtime.image", "elf_runtime.model", "elf_runtime.params", "elf_runtime.results.features"),
+    *("elf_eval.methods.elf", "elf_eval.features", "elf_runtime.contract", "elf_runtime.params", "elf_runtime.presets"),
+    *("elf_runtime.image", "elf_runtime.model", "elf_runtime.engine", "elf_runtime.detection"),
+    *("elf_runtime.results.features", "elf_runtime.results.trace"),
 )
 
 
@@ -36,14 +29,14 @@ class Elf(Method):
 
     Options: ``precision=fp32`` or ``int8`` (which of the bundled model's files), ``preset=paper``,
     ``descriptor=LAYER``, and every field of `elf_runtime.DetectionParams` (``scale=0.5``, ``denoise=5,2``,
-    ``threshold=kapur``, ``nms_radius=10`` ...).
+    ``threshold=kapur``, ``nms_radius=10`` ...); ``max_keypoints`` may be fewer than the protocol's, not more.
     """
 
     def __init__(self, spec: Spec, threads: int | None) -> None:
         path = spec.file("ELF model") if spec.argument else bundled_model(spec.take("precision", _precision, "int8"))
         self._preset = spec.take("preset", str, None) or None
         self._descriptor = spec.take("descriptor", str, None) or None
-        self._settings = detection_changes(spec)
+        self._settings = spec.settings()
         try:
             self._runtime = ElfRuntime(path, threads=threads)
             params = self._runtime.params(self._preset, **self._settings)
@@ -57,7 +50,7 @@ class Elf(Method):
         )
 
     def extract(self, image: Image, limit: int) -> LocalFeatures:
-        changes: dict[str, Any] = {**self._settings, "max_keypoints": limit}
+        changes = {**self._settings, "max_keypoints": min(limit, self._settings.get("max_keypoints", limit))}
         found = self._runtime.detect(image.pixels, preset=self._preset, descriptor=self._descriptor, **changes)
         return LocalFeatures.build(found.keypoints, found.scores, found.descriptors, sizes=2.0 * self._nms_radius + 1.0)
 

@@ -18,11 +18,10 @@ from elf_runtime import SettingError, preset
 from elf_runtime.detection.nms import greedy_nms
 from elf_runtime.detection.threshold import scores_and_mask
 
-from .detection_settings import detection_changes
 from .method import Method
 
 CODE = (
-    *("elf_eval.methods.gradient", "elf_eval.features", "elf_runtime.params"),
+    *("elf_eval.methods.gradient", "elf_eval.features", "elf_runtime.params", "elf_runtime.presets"),
     *("elf_runtime.detection.nms", "elf_runtime.detection.threshold"),
 )
 
@@ -30,13 +29,25 @@ CODE = (
 # keypoints are left, and fewer repeat than Sobel's.  From 11x11 on the order is the paper's, the Laplacian first.
 # evaluation/README.md has the figures.
 KERNELS: Mapping[str, int] = MappingProxyType({"sobel": 3, "laplacian": 11})
+# The settings that mean something without a model, and without the image beside its saliency.
+SETTINGS = (
+    "denoise",
+    "threshold_blur",
+    "threshold",
+    "nms_radius",
+    "border",
+    "scale",
+    "quantize",
+    "subpixel",
+    "normalize",
+)
 
 
 class Gradient(Method):
     """``sobel`` or ``laplacian``: the paper's baseline, with ELF's own threshold and suppression.
 
-    Options: ``kernel=K`` (`gradient_saliency`), ``preset=paper`` (the default), and the detection settings except
-    ``scale``.
+    Options: ``kernel=K`` (`gradient_saliency`), ``preset=paper`` (the default) and the detection settings of
+    `SETTINGS`; ``scale`` is 1.
     """
 
     def __init__(self, spec: Spec, threads: int | None) -> None:
@@ -45,7 +56,7 @@ class Gradient(Method):
         self._kernel = spec.take("kernel", _kernel, KERNELS[spec.kind])
         name = spec.take("preset", str, "paper")
         try:
-            self._params = preset(name, spec.kind).updated(**detection_changes(spec))
+            self._params = preset(name, spec.kind).updated(**spec.settings(SETTINGS))
         except SettingError as error:
             raise EvalError(f"{spec.text}: {error}") from error
         if self._params.scale != 1.0:

@@ -1,4 +1,4 @@
 """What to run: suites in TOML, the grid of a sweep, and the paper's own figures to stand beside ours.
 
-May import `methods` (the settings that a grid can have) and the modules beside the rooms.
+May import the modules beside the rooms alone.
 """

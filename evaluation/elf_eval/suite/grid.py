@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from elf_eval.errors import EvalError
-from elf_eval.methods.detection_settings import CONVERTERS
+from elf_runtime.params import SETTINGS, setting_value
 
 _MOST = 1000  # values of a range
 
@@ -29,11 +29,12 @@ def parse_grid(items: list[str]) -> dict[str, list[str]]:
     grid: dict[str, list[str]] = {}
     for item in items:
         name, _, values = item.partition("=")
-        if name not in CONVERTERS:
-            raise EvalError(f"grid {item!r}: unknown setting {name!r}; known are {sorted(CONVERTERS)}")
+        if name not in SETTINGS:
+            raise EvalError(f"grid {item!r}: unknown setting {name!r}; known are {sorted(SETTINGS)}")
         try:
             grid[name] = list(dict.fromkeys(v for text in values.split("/") for v in _in_range(text)))
-            list(map(CONVERTERS[name], grid[name]))
+            for text in grid[name]:
+                setting_value(name, text)
         except (ValueError, ArithmeticError) as error:
             raise EvalError(f"grid {item!r}: {error}") from error
     return grid

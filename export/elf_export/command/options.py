@@ -7,8 +7,8 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from elf_runtime.commands._settings import setting
-from elf_runtime.commands.command import new_parser
+from elf_runtime.commands.command import Parser, new_parser
+from elf_runtime.commands.options import setting
 
 if TYPE_CHECKING:
     from elf_export.descriptors.projection import Reduction
@@ -38,7 +38,7 @@ ONLY_WITH_NET = ("weights", "offline", "preprocess", "desc_weights")
 ONLY_WITH_ONNX = ("input", "color", "mean", "std", "scale", "standardize")
 
 
-def parser() -> argparse.ArgumentParser:
+def parser() -> Parser:
     """The command line's grammar."""
     p = new_parser("elf-export", DESCRIPTION, EPILOG)
     p.add_argument("--layer", metavar="LAYER", help="the layer F that keypoints come from (--net: the paper's)")

@@ -1,6 +1,6 @@
-"""Whether two ways to run a model find the same keypoints, and statistics of timings.
+"""Whether two ways to run a model find the same keypoints, and the paper's two metrics of a pair of images.
 
-May import everything but `commands`.
+`compare` is public.  May import the engine and all below it.
 """
 
 from __future__ import annotations

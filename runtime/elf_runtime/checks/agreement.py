@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import SettingError
-from elf_runtime.image.convert import ImageLike
+from elf_runtime.image.file import ImageLike
 from elf_runtime.results.features import Features
 
 SAME, NEAR = 0.5, 1.0  # pixels of the source image
@@ -18,7 +18,7 @@ ENOUGH = 0.9  # of the keypoints; float32 is above 0.99 on every provider that c
 
 
 @dataclass(frozen=True)
-class Agreement:
+class KeypointAgreement:
     """How far the keypoints of one run are those of a reference run on the same image.
 
     Attributes
@@ -45,7 +45,7 @@ class Agreement:
         return self.near >= ENOUGH
 
 
-def agreement(reference: Features, found: Features) -> Agreement:
+def agreement(reference: Features, found: Features) -> KeypointAgreement:
     """Hold `found` against `reference`.
 
     Raises
@@ -59,7 +59,7 @@ def agreement(reference: Features, found: Features) -> Agreement:
     larger = max(len(a), len(b))
     if not (len(a) and len(b)):
         share = 0.0 if larger else 1.0
-        return Agreement(len(a), len(b), share, share)
+        return KeypointAgreement(len(a), len(b), share, share)
     distance = np.sqrt(((a[:, None] - b[None]) ** 2).sum(axis=2))  # (N, M)
     to_b, to_a = distance.argmin(axis=1), distance.argmin(axis=0)
     index = np.flatnonzero(to_a[to_b] == np.arange(len(a)))
@@ -67,12 +67,12 @@ def agreement(reference: Features, found: Features) -> Agreement:
     near = index[apart <= NEAR]
     same, close = float((apart <= SAME).sum() / larger), float(len(near) / larger)
     if len(near) == 0 or reference.descriptors.shape[1] == 0:
-        return Agreement(len(a), len(b), same, close)
+        return KeypointAgreement(len(a), len(b), same, close)
     cosines = (reference.descriptors[near] * found.descriptors[to_b[near]]).sum(axis=1)
-    return Agreement(len(a), len(b), same, close, float(np.median(cosines)), float(cosines.min()))
+    return KeypointAgreement(len(a), len(b), same, close, float(np.median(cosines)), float(cosines.min()))
 
 
-def compare(reference: ElfRuntime, other: ElfRuntime, image: ImageLike | None = None) -> Agreement:
+def compare(reference: ElfRuntime, other: ElfRuntime, image: ImageLike | None = None) -> KeypointAgreement:
     """Detect with both on `image`, by default `pattern`.
 
     Raises

@@ -47,7 +47,7 @@ def greedy_matching(distance: npt.NDArray[np.float64], limit: float = np.inf) ->
         taken.append(np.stack([rows[mutual], columns[chosen]], axis=1))
         column_left = np.ones(len(columns), np.bool_)
         column_left[chosen] = False
-        # A row or column without an open pair left only slows the next rounds down.
+        # Rows and columns without an open pair would only slow down the next rounds.
         row_left = ~mutual
         open_pairs = open_pairs[np.ix_(row_left, column_left)]
         rows, columns = rows[row_left], columns[column_left]

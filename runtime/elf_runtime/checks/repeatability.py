@@ -35,7 +35,7 @@ class Covisible:
 def covisible(
     points1: npt.ArrayLike, points2: npt.ArrayLike, forward: Warp, backward: Warp, size1: Size, size2: Size
 ) -> Covisible:
-    """Drop, from both sides, the keypoints that fall outside the other image after warping.
+    """Drop the keypoints of both images that fall outside the other image after warping.
 
     Parameters
     ----------

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import dataclasses
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -12,19 +11,20 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 
-from elf_runtime.checks.statistics import paired_ratio, summary
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.image import convert as images
+from elf_runtime.image import read
 from elf_runtime.pictures.render import displayable
+from elf_runtime.timing.environment import environment, usable_cores
+from elf_runtime.timing.fresh_process import peak_memory, start_up
 
-from . import _common, command
-from ._bench_table import table
-from ._contenders import PEERS, Contender, Image, float_model, ours, peers, saliencies, synthetic, torch_peer
-from ._fresh import environment, peak_memory, start_up, usable_cores
-from ._outputs import check_outputs
-from ._timing import interleaved
+from . import command, options
+from .bench_sizes import SizeRun, time_in_turn
+from .bench_table import table
+from .bench_workloads import PEERS, float_model, ours, peers, saliencies, synthetic, torch_peer
+from .command import UsageError
+from .outputs import check_outputs, write_picture
+from .terminal import say
 
 DESCRIPTION = """\
 Time a model stage by stage, beside other detectors where they are installed.
@@ -51,7 +51,7 @@ peers
   sift, orb    OpenCV's, detectAndCompute on the grey image, at most 500 keypoints"""
 
 
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> command.Parser:
     parser = command.new_parser("elf-bench", DESCRIPTION, EPILOG)
     parser.add_argument(
         "--sizes",
@@ -65,11 +65,11 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="photograph to resize; default: a synthetic textured image from a fixed seed",
     )
-    parser.add_argument("--repeats", type=_common.positive, default=20, metavar="N", help="repetitions; default: 20")
-    parser.add_argument("--warmup", type=_common.positive, default=3, metavar="N", help="rounds before; default: 3")
+    parser.add_argument("--repeats", type=options.positive, default=20, metavar="N", help="repetitions; default: 20")
+    parser.add_argument("--warmup", type=options.positive, default=3, metavar="N", help="rounds before; default: 3")
     parser.add_argument(
         "--processes",
-        type=_common.positive,
+        type=options.positive,
         default=5,
         metavar="N",
         help="fresh processes for start-up; default: 5",
@@ -79,7 +79,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--torch-model", metavar="FILE", help="ELF model whose weights torch takes; default: --model")
     parser.add_argument("--json", metavar="FILE", help="write everything, samples included; - is standard output")
-    _common.add_model_options(parser)
+    options.add_model_options(parser)
     parser.add_argument(
         "--spin", action="store_true", help="let idle threads spin between runs too: pays where cores are free"
     )
@@ -109,14 +109,10 @@ def _work(args: argparse.Namespace) -> int:
     least = elf.contract.input.min_size
     for height, width in args.sizes:
         if min(height, width) < least:
-            raise command.UsageError(f"--sizes {height}x{width}: the smallest size of this model is {least}x{least}")
-    photo = displayable(images.read(args.image)) if args.image else None
+            raise UsageError(f"--sizes {height}x{width}: the smallest size of this model is {least}x{least}")
+    photo = displayable(read(args.image)) if args.image else None
     report: dict[str, Any] = {
-        "model": {
-            "file": args.model or "bundled",
-            "network": elf.contract.network,
-            "layer": elf.contract.layer,
-        },
+        "model": {"file": args.model or "bundled", "network": elf.contract.network, "layer": elf.contract.layer},
         "image": args.image or "synthetic, seed 0",
         "environment": environment(args.threads, elf.providers[0]),
         "repeats": args.repeats,
@@ -133,24 +129,24 @@ def _work(args: argparse.Namespace) -> int:
             torch_saliency, note = torch_peer(file, args.threads)
             report["peers"]["torch"] = note
             if torch_saliency is None and args.peers:
-                raise command.UsageError(f"--peers torch: {note}")
+                raise UsageError(f"--peers torch: {note}")
             if torch_saliency is not None and file != args.model:
                 twin = _open(file, args)
-        lanes: list[_Lane] = []
+        runs: list[SizeRun] = []
         for height, width in args.sizes:
             image = synthetic(height, width) if photo is None else cv2.resize(photo, (width, height))
-            picture = Path(folder) / f"{len(lanes)}.png"
-            _common.write_picture(picture, image)
-            contenders = [ours(elf, picture), *(saliencies(elf, twin, image) if wanted else [])]
-            lanes.append(_Lane(image, [*contenders, *peers(wanted, image, torch_saliency)]))
-        _time(lanes, args)
-        for lane in lanes:
-            entry = _entry(lane)
+            picture = Path(folder) / f"{len(runs)}.png"
+            write_picture(picture, image)
+            workloads = [ours(elf, picture), *(saliencies(elf, twin, image) if wanted else [])]
+            runs.append(SizeRun(image, [*workloads, *peers(wanted, image, torch_saliency)]))
+        time_in_turn(runs, args.warmup, args.repeats)
+        for run in runs:
+            entry = run.entry()
             if torch_saliency is not None:
-                entry["saliency_agreement"] = _agreement(lane.image, twin or elf, torch_saliency)
-            entry["memory"] = peak_memory(args.model, args.provider, args.threads, lane.image.shape[:2])
+                entry["saliency_agreement"] = run.agreement(twin or elf, torch_saliency)
+            entry["memory"] = peak_memory(args.model, args.provider, args.threads, run.image.shape[:2])
             report["sizes"].append(entry)
-    command.say(table(report), sys.stderr if args.json == "-" else sys.stdout)
+    say(table(report), sys.stderr if args.json == "-" else None)
     if args.json:
         command.write_json(args.json, report)
     return 0
@@ -160,7 +156,7 @@ def _peer_names(text: str | None) -> list[str]:
     names = list(PEERS) if text is None else [] if text == "none" else [n.strip() for n in text.split(",")]
     for name in names:
         if name not in PEERS:
-            raise command.UsageError(f"--peers: unknown peer {name!r}; known are {', '.join(PEERS)}, or none")
+            raise UsageError(f"--peers: unknown peer {name!r}; known are {', '.join(PEERS)}, or none")
     return names
 
 
@@ -178,64 +174,6 @@ def _open(model: str | None, args: argparse.Namespace) -> ElfRuntime:
     """With a session for every size: they take turns."""
     options = {"providers": args.provider, "threads": args.threads, "spin": args.spin or None}
     return ElfRuntime(model, **options, sizes=len(args.sizes))
-
-
-@dataclasses.dataclass
-class _Lane:
-    """What runs on the image of one size, and what was measured."""
-
-    image: Image
-    contenders: list[Contender]
-    samples: dict[str, list[float]] = dataclasses.field(default_factory=dict)
-    keypoints: dict[str, int] = dataclasses.field(default_factory=dict)
-
-
-def _time(lanes: list[_Lane], args: argparse.Namespace) -> None:
-    """Fill the lanes' samples; all sizes' contenders in one rotation."""
-    named = [
-        dataclasses.replace(contender, name=f"{i}:{contender.name}")
-        for i, lane in enumerate(lanes)
-        for contender in lane.contenders
-    ]
-    samples, keypoints = interleaved(named, args.warmup, args.repeats)
-    for i, lane in enumerate(lanes):
-        mine = f"{i}:"
-        lane.samples = {k.removeprefix(mine): v for k, v in samples.items() if k.startswith(mine)}
-        lane.keypoints = {k.removeprefix(mine): v for k, v in keypoints.items() if k.startswith(mine)}
-
-
-_RATIOS = (
-    ("elf.detect + describe", "sift"),
-    ("elf.detect + describe", "orb"),
-    ("elf_saliency", "elf_saliency_twin"),
-    ("elf_saliency_twin", "torch"),
-    ("elf_saliency", "torch"),
-)
-
-
-def _entry(lane: _Lane) -> dict[str, Any]:
-    """One size's part of the report: samples in seconds, their percentiles, and ratios."""
-    ratios = {}
-    for first, second in _RATIOS:
-        if first in lane.samples and second in lane.samples:
-            ratio = paired_ratio(lane.samples[first], lane.samples[second])
-            ratios[f"{first} / {second}"] = dataclasses.asdict(ratio)
-    return {
-        "height": lane.image.shape[0],
-        "width": lane.image.shape[1],
-        "keypoints": lane.keypoints,
-        "titles": {c.name: c.title for c in lane.contenders},
-        "seconds": {name: dataclasses.asdict(summary(values)) for name, values in lane.samples.items()},
-        "ratios": ratios,
-        "samples": lane.samples,
-    }
-
-
-def _agreement(image: Image, elf: ElfRuntime, torch_saliency: Any) -> dict[str, Any]:
-    """Share of the pixels where the graph that has torch's weights agrees with torch."""
-    reference, found = torch_saliency(image), elf.saliency(image, scale=1.0)
-    share = float(np.mean(np.abs(found - reference) <= 1e-4 * reference.max()))
-    return {"precision": elf.contract.precision, "share": share}
 
 
 if __name__ == "__main__":

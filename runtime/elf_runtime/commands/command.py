@@ -1,4 +1,4 @@
-"""What every command begins and ends with: its parser, its exit status, and errors as one line."""
+"""What every command begins and ends with: its parser, its exit status, and errors for people and for programs."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, NoReturn
 
 import cv2
 
 from elf_runtime import __version__
-from elf_runtime.errors import ElfError, SettingError, one_line, printable, reason
-from elf_runtime.files.write import discard_stdout, print_anything, write_atomically
+from elf_runtime.errors import ElfError, SettingError, one_line, reason
+from elf_runtime.files.write import write_atomically
+
+from .terminal import discard_stdout, print_anything, say
 
 FAILED, USAGE, INTERRUPTED, TERMINATED = 1, 2, 128 + signal.SIGINT, 128 + signal.SIGTERM
 
@@ -30,9 +32,20 @@ class Terminated(BaseException):
     """SIGTERM came."""
 
 
-def new_parser(name: str, description: str, epilog: str = "") -> argparse.ArgumentParser:
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are JSON too, where the command line asks for JSON on standard output."""
+
+    as_json = False
+
+    def error(self, message: str) -> NoReturn:
+        if self.as_json:
+            print_json_error(message)
+        super().error(message)
+
+
+def new_parser(name: str, description: str, epilog: str = "") -> Parser:
     """A parser that keeps the lines of its texts, and knows ``--version``."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog=name,
         description=description,
         epilog=epilog,
@@ -43,12 +56,14 @@ def new_parser(name: str, description: str, epilog: str = "") -> argparse.Argume
 
 
 def run(
-    parser: argparse.ArgumentParser,
+    parser: Parser,
     work: Callable[[argparse.Namespace], int],
     argv: Sequence[str] | None,
     goes_on: str = "",
 ) -> int:
     """Parse and work.  An error that a user can cause is one line on standard error, and a status.
+
+    With ``--json`` on standard output it is there too, as `print_json_error` writes it.
 
     Parameters
     ----------
@@ -67,30 +82,39 @@ def run(
         set_level = getattr(getattr(cv2.utils, "logging", cv2), "setLogLevel", None)
         if set_level is not None:
             set_level(0)
-    args = parser.parse_args(argv)
+    words = sys.argv[1:] if argv is None else list(argv)
+    parser.as_json = _asks_for_json(parser, words)
+    args = parser.parse_args(words)
     try:
         with terminable():
             status = work(args)
             sys.stdout.flush()
         return status
-    except (UsageError, SettingError) as error:
-        report(parser.prog, error)
-        return USAGE
     except BrokenPipeError:
         discard_stdout()
         return FAILED
     except (ElfError, OSError) as error:
         report(parser.prog, error)
-        return FAILED
+        text, status = _text(error), USAGE if isinstance(error, (UsageError, SettingError)) else FAILED
     except (KeyboardInterrupt, Terminated) as error:
-        what, status = ("terminated", TERMINATED) if isinstance(error, Terminated) else ("interrupted", INTERRUPTED)
-        say(f"\n{parser.prog}: {what}{goes_on and f'; {goes_on}'}", sys.stderr)
-        return status
+        text, status = ("terminated", TERMINATED) if isinstance(error, Terminated) else ("interrupted", INTERRUPTED)
+        say(f"\n{parser.prog}: {text}{goes_on and f'; {goes_on}'}", sys.stderr)
+    if parser.as_json:
+        print_json_error(text)
+    return status
+
+
+def _asks_for_json(parser: Parser, words: Sequence[str]) -> bool:
+    """Whether ``--json`` is among the words and means standard output: alone where it is a switch, else with ``-``."""
+    if parser.get_default("json") is False:
+        return "--json" in words
+    pairs = zip(words, [*words[1:], ""], strict=True)
+    return any(word == "--json=-" or (word == "--json" and value == "-") for word, value in pairs)
 
 
 @contextmanager
 def terminable() -> Iterator[None]:
-    """Let SIGTERM end what runs as Ctrl-C does: processes that were started are ended, finished work is kept."""
+    """Have SIGTERM end what runs as Ctrl-C does: processes that were started are ended, finished work is kept."""
 
     def end(*_: object) -> None:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)  # one is enough: what is being cleaned up stays whole
@@ -108,14 +132,18 @@ def terminable() -> Iterator[None]:
 
 def report(command: str, error: object) -> None:
     """``command: error: ...`` on standard error: one line, or an error's rows below it."""
+    say(f"{command}: error: {_text(error)}", sys.stderr)
+
+
+def _text(error: object) -> str:
+    """What to say of an error: a line, or several of those that have rows."""
     text = f"{error.filename}: {reason(error)}" if isinstance(error, OSError) and error.filename else str(error)
-    rows = text.splitlines() if isinstance(error, ElfError) and error.has_rows else [one_line(text)]
-    say("\n".join([f"{command}: error: {rows[0]}", *rows[1:]]), sys.stderr)
+    return text if isinstance(error, ElfError) and error.has_rows else one_line(text)
 
 
-def say(text: str, stream: TextIO) -> None:
-    """Print lines without anything that a terminal would obey."""
-    print("\n".join(map(printable, text.split("\n"))), file=stream)
+def print_json_error(text: str) -> None:
+    """``{"error": text}`` on standard output."""
+    say(json.dumps({"error": text}, indent=2))
 
 
 def write_text(path: Path, text: str) -> None:

@@ -16,14 +16,15 @@ import numpy as np
 
 import elf_runtime
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.errors import ElfError, ImageError, printable, reason
-from elf_runtime.files.write import file_sha256
+from elf_runtime.errors import ElfError, printable
+from elf_runtime.image.file import ImageFile
 from elf_runtime.pictures.render import detection_picture
 from elf_runtime.results.features import load_record
 
-from . import _common, command
-from ._inputs import check_pictures, image_files
-from ._outputs import check_outputs
+from . import command, options
+from .inputs import check_pictures, image_files
+from .outputs import check_outputs, short_name, write_picture
+from .terminal import say
 
 DESCRIPTION = """\
 Detect ELF keypoints in images and describe them.
@@ -50,7 +51,7 @@ examples:
 exit status: 0 if every image was done, 1 if some could not be, 2 on a wrong command line"""
 
 
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> command.Parser:
     parser = command.new_parser("elf-detect", DESCRIPTION, EPILOG)
     parser.add_argument("images", nargs="+", metavar="IMAGE", help="image file, folder of images, or pattern")
     parser.add_argument(
@@ -81,9 +82,9 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--no-picture", action="store_true", help="write no NAME.png")
     parser.add_argument("--json", metavar="FILE", help="write a summary of the run; - is standard output")
-    _common.add_image_options(parser)
-    _common.add_detection_options(parser)
-    _common.add_model_options(parser)
+    options.add_image_options(parser)
+    options.add_detection_options(parser)
+    options.add_model_options(parser)
     return parser
 
 
@@ -103,7 +104,7 @@ def _work(args: argparse.Namespace) -> int:
     )
     if not args.no_picture:
         check_pictures(args.images, paths, args.output, args.recursive)
-    elf = _common.open_runtime(args)
+    elf = options.open_runtime(args)
     run = _Run(elf, args, _read_mask(args.mask, args) if args.mask else None)
     # The summary alone goes to standard output where it is asked for there.
     progress = sys.stderr if args.json == "-" else sys.stdout
@@ -117,10 +118,10 @@ def _work(args: argparse.Namespace) -> int:
             results.append({"image": str(path), "error": text})
             continue
         results.append(result)
-        command.say(_line(result), progress)
+        say(_line(result), progress)
     if args.json:
         images = [{k: v for k, v in result.items() if k != "fewer"} for result in results]
-        command.write_json(args.json, {**_common.origin(elf, args), "images": images})
+        command.write_json(args.json, {**options.origin(elf, args), "images": images})
     return command.FAILED if any("error" in result for result in results) else 0
 
 
@@ -141,9 +142,9 @@ class _Run:
     def __init__(self, elf: ElfRuntime, args: argparse.Namespace, mask: Any) -> None:
         self._elf, self._args, self._mask = elf, args, mask
         self._written: dict[str, str] = {}  # results -> image
-        self._params = _common.params(elf, args)
+        self._params = options.params(elf, args)
         self._asked = args.max_keypoints is not None or "max_keypoints" in dict(args.set)
-        origin = _common.origin(elf, args)
+        origin = options.origin(elf, args)
         kept = ("model_sha256", "network", "layer", "descriptor", "settings")
         self._record = {name: origin[name] for name in kept} | {"ignore_exif": args.ignore_exif}
         if mask is not None:
@@ -159,17 +160,15 @@ class _Run:
         """
         start = time.perf_counter()
         files = [f"{stem}.{ending}" for ending in _endings(self._args)]
-        record = self._record | {"image": os.path.realpath(path), "elf-onnx": elf_runtime.__version__}
-        try:
-            record["image_sha256"] = file_sha256(path)
-        except OSError as error:
-            raise ImageError(f"{path}: {reason(error)}") from error
+        image = ImageFile(path, self._args.max_pixels)
+        record = self._record | {"image": os.path.realpath(path), "image_sha256": image.sha256}
+        record["elf-onnx"] = elf_runtime.__version__
         if self._existing(record, files):
             self._written[files[0]] = record["image"]
             return {"image": str(path), "files": files, "skipped": True}
-        pixels = _common.read_image(path, self._args)
+        pixels = image.decoded(self._args.ignore_exif)
         read = time.perf_counter() - start
-        trace = self._elf.trace(pixels, mask=self._mask, **_common.settings(self._args))
+        trace = self._elf.trace(pixels, mask=self._mask, **options.settings(self._args))
         seconds = time.perf_counter() - start
         stem.parent.mkdir(parents=True, exist_ok=True)
         # First the record of whose results these are.  What is left of earlier ones goes before it comes: an image that
@@ -180,8 +179,8 @@ class _Run:
         self._written[files[0]] = record["image"]
         trace.features.save(f"{stem}.csv")
         if not self._args.no_picture:
-            picture = detection_picture(pixels, trace, _common.short_name(path))
-            _common.write_picture(Path(f"{stem}.png"), picture)
+            picture = detection_picture(pixels, trace, short_name(path))
+            write_picture(Path(f"{stem}.png"), picture)
         return {
             "image": str(path),
             "files": files,
@@ -195,7 +194,7 @@ class _Run:
         }
 
     def _why_fewer(self, count: int) -> str:
-        """Who asks for 2000 and gets 413 wants to know why."""
+        """Why there are fewer keypoints than the user asked for; empty where there are not."""
         if not self._asked or count >= self._params.max_keypoints:
             return ""
         masked = " and the mask" if self._mask is not None else ""
@@ -227,7 +226,7 @@ def _endings(args: argparse.Namespace) -> list[str]:
 
 
 def _read_mask(path: str, args: argparse.Namespace) -> Any:
-    mask = _common.read_image(path, args)
+    mask = options.read_image(path, args)
     # A colour picture of a mask: black is black in all of its colours.  What alpha leaves out counts as black.
     return mask > 0 if mask.ndim == 2 else mask[:, :, :3].any(axis=2) & (mask[:, :, 3:] > 0).all(axis=2)
 

@@ -15,18 +15,21 @@ import onnxruntime as ort
 
 from elf_runtime.checks.agreement import compare, pattern
 from elf_runtime.contract import SCHEMA_VERSION, ModelContract
-from elf_runtime.detection.work import prepared
+from elf_runtime.detection.working_image import prepare
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError
-from elf_runtime.image.convert import named, read
+from elf_runtime.image.file import image_errors, read
+from elf_runtime.model import bundled_model
 from elf_runtime.model.coverage import measure
 from elf_runtime.model.onnx_file import OnnxFile, Tensor, read_onnx
 from elf_runtime.model.ort_format import is_ort_format, to_ort
-from elf_runtime.model.session import Provider, bundled_model, is_cpu, resolve_providers
+from elf_runtime.model.providers import Provider, is_cpu, resolve_providers
 
 from . import command
-from ._info_text import report_text
-from ._outputs import check_outputs
+from .command import UsageError
+from .info_text import report_text
+from .outputs import check_outputs
+from .terminal import say
 
 DESCRIPTION = """\
 Show what an ELF model is: its network and layer, descriptors, default detection settings, the origin of its
@@ -49,7 +52,7 @@ examples:
       --option 'load_config={"CPU": {"INFERENCE_PRECISION_HINT": "bf16"}}'"""
 
 
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> command.Parser:
     parser = command.new_parser("elf-info", DESCRIPTION, EPILOG)
     parser.add_argument("model", nargs="?", metavar="MODEL", help="an .onnx or .ort file; default: the bundled model")
     parser.add_argument("--provider", metavar="NAME", help="measure this provider only; default: all installed")
@@ -73,11 +76,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _work(args: argparse.Namespace) -> int:
     if args.option and not args.provider:
-        raise command.UsageError("--option is for the provider that --provider names")
+        raise UsageError("--option is for the provider that --provider names")
     if args.this_machine and not args.ort:
-        raise command.UsageError("--this-machine is for the file that --ort names")
+        raise UsageError("--this-machine is for the file that --ort names")
     check_outputs({"--ort": [args.ort]}, {"the image": [args.image], "the model": [args.model]})
-    options = dict(map(_option, args.option))
+    settings = dict(map(_option, args.option))
+    asked: Provider | None = (args.provider, settings) if settings else args.provider
     image = pattern() if args.image is None else read(args.image)
     path = Path(args.model) if args.model else bundled_model("int8" if is_cpu(args.provider) else "fp32")
     graph = None if is_ort_format(path) else _graph(read_onnx(path))
@@ -88,9 +92,8 @@ def _work(args: argparse.Namespace) -> int:
         report |= {"schema": SCHEMA_VERSION, "contract": dataclasses.asdict(contract)}
         report["gflop_per_megapixel"] = gflop_per_megapixel(contract)
         if args.image is not None:
-            with named(args.image):
-                prepared(image, contract.detection, None, contract, str(path))
-        asked: Provider | None = (args.provider, options) if options else args.provider
+            with image_errors(args.image):
+                prepare(image, contract.detection, None, contract, str(path))
         wanted = resolve_providers(asked, fallback=False) if asked else ort.get_available_providers()
         runs = [_measured(path, contract, provider, image) for provider in wanted]
         report["providers"] = {run["provider"]: run for run in runs}
@@ -101,7 +104,9 @@ def _work(args: argparse.Namespace) -> int:
     if args.ort and not failures:
         to_ort(path, args.ort, this_machine=args.this_machine)
         report["ort"] = args.ort
-    command.say(json.dumps(report, indent=2) if args.json else report_text(report), sys.stdout)
+    if failures:
+        report["error"] = "\n".join(map(str, failures))
+    say(json.dumps(report, indent=2) if args.json else report_text(report))
     sys.stdout.flush()
     for reason in failures:
         command.report("elf-info", reason)
@@ -111,7 +116,7 @@ def _work(args: argparse.Namespace) -> int:
 def _option(text: str) -> tuple[str, str]:
     key, separator, value = text.partition("=")
     if not (key and separator):
-        raise command.UsageError(f"--option takes KEY=VALUE, not {text!r}")
+        raise UsageError(f"--option takes KEY=VALUE, not {text!r}")
     return key, value
 
 
@@ -145,7 +150,7 @@ def gflop_per_megapixel(contract: ModelContract) -> dict[str, float]:
 
 
 def _graph(file: OnnxFile) -> dict[str, Any]:
-    def named(tensors: Sequence[Tensor]) -> dict[str, Any]:
+    def by_name(tensors: Sequence[Tensor]) -> dict[str, Any]:
         return {t.name: {"dtype": t.dtype, "dims": list(t.dims)} for t in tensors}
 
     by_dtype: dict[str, dict[str, int]] = {}
@@ -158,8 +163,8 @@ def _graph(file: OnnxFile) -> dict[str, Any]:
         "ir_version": file.ir_version,
         "opsets": file.opsets,
         "producer": file.producer,
-        "inputs": named(file.inputs),
-        "outputs": named(file.outputs),
+        "inputs": by_name(file.inputs),
+        "outputs": by_name(file.outputs),
         "ops": file.op_counts(),
         "stored": by_dtype,
     }

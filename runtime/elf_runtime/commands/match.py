@@ -19,8 +19,10 @@ from elf_runtime.results.features import Features
 from elf_runtime.results.matching import match
 from elf_runtime.results.two_view import LEAST_MATCHES, TwoView, fit
 
-from . import _common, command
-from ._outputs import check_outputs
+from . import command, options
+from .command import UsageError
+from .outputs import check_outputs, short_name, write_picture
+from .terminal import say
 
 DESCRIPTION = """\
 Match the ELF keypoints of two images (mutual nearest neighbours in descriptor space), count the matches, and draw
@@ -44,7 +46,7 @@ command line
 scores_a and scores_b (M,), inliers (M,), and the fitted matrix (3, 3), NaN where there is none."""
 
 
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> command.Parser:
     parser = command.new_parser("elf-match", DESCRIPTION, EPILOG)
     parser.add_argument("a", metavar="A", help="first image")
     parser.add_argument("b", metavar="B", help="second image")
@@ -61,9 +63,9 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--json", metavar="FILE", help="write images, model, settings, counts and the matrix; - is standard output"
     )
-    _common.add_image_options(parser)
-    _common.add_detection_options(parser)
-    _common.add_model_options(parser)
+    options.add_image_options(parser)
+    options.add_detection_options(parser)
+    options.add_model_options(parser)
     return parser
 
 
@@ -73,25 +75,25 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _work(args: argparse.Namespace) -> int:
     if args.ransac_threshold is not None and not args.ransac:
-        raise command.UsageError("--ransac-threshold needs --ransac homography or --ransac fundamental")
+        raise UsageError("--ransac-threshold needs --ransac homography or --ransac fundamental")
     reach = 3.0 if args.ransac_threshold is None else args.ransac_threshold
     if not 0.0 < reach < float("inf"):
-        raise command.UsageError(f"--ransac-threshold {reach:g}: a distance in pixels is above 0")
+        raise UsageError(f"--ransac-threshold {reach:g}: a distance in pixels is above 0")
     if args.save and args.save.suffix != ".npz":
-        raise command.UsageError(f"--save {args.save}: matches are saved as .npz")
+        raise UsageError(f"--save {args.save}: matches are saved as .npz")
     if args.ratio is not None and not 0.0 < args.ratio < 1.0:
-        raise command.UsageError(f"--ratio {args.ratio:g}: a ratio lies between 0 and 1")
+        raise UsageError(f"--ratio {args.ratio:g}: a ratio lies between 0 and 1")
     if args.output and not cv2.haveImageWriter(f"x{args.output.suffix}"):
-        raise command.UsageError(f"-o {args.output}: no image format has this ending; use .png or .jpg")
+        raise UsageError(f"-o {args.output}: no image format has this ending; use .png or .jpg")
     check_outputs(
         {"-o": [args.output], "--save": [args.save], "--json": [args.json]},
         {"an input image": [args.a, args.b], "the model": [args.model]},
     )
-    elf = _common.open_runtime(args)
+    elf = options.open_runtime(args)
     if elf.contract.descriptor(args.descriptor) is None:
         raise SettingError(f"{args.model}: exported with --desc none, it can't describe, and so not match")
-    pixels = [_common.read_image(path, args) for path in (args.a, args.b)]
-    first, second = (elf.detect(image, **_common.settings(args)) for image in pixels)
+    pixels = [options.read_image(path, args) for path in (args.a, args.b)]
+    first, second = (elf.detect(image, **options.settings(args)) for image in pixels)
     pairs = match(first, second, args.ratio)
     points = (first.keypoints[pairs[:, 0]], second.keypoints[pairs[:, 1]])
     view = fit(*points, args.ransac, reach) if args.ransac else None
@@ -103,17 +105,17 @@ def _work(args: argparse.Namespace) -> int:
             at_best = f" that they support: {int(view.inliers.sum())} inliers at best, as chance would give"
     if args.output:
         titles = [
-            (_common.short_name(args.a), f"{len(first)} keypoints, {text}"),
-            (_common.short_name(args.b), f"{len(second)} keypoints"),
+            (short_name(args.a), f"{len(first)} keypoints, {text}"),
+            (short_name(args.b), f"{len(second)} keypoints"),
         ]
         inliers = view.inliers & view.supported if view is not None else None
-        _common.write_picture(args.output, match_picture(pixels, points, inliers, titles))
+        write_picture(args.output, match_picture(pixels, points, inliers, titles))
     if args.save:
         _save(args.save, pairs, (first, second), view)
     written = ", ".join(str(path) for path in (args.output, args.save) if path)
     line = f"{args.a}: {len(first)} keypoints, {args.b}: {len(second)} keypoints, {text}{at_best}"
     line = printable(line + (f" -> {written}" if written else ""))
-    command.say(line, sys.stderr if args.json == "-" else sys.stdout)
+    say(line, sys.stderr if args.json == "-" else None)
     if args.json:
         command.write_json(args.json, _summary(args, elf, (first, second), len(pairs), view))
     return 0
@@ -139,7 +141,7 @@ def _summary(
 ) -> dict[str, Any]:
     return {
         "images": [args.a, args.b],
-        **_common.origin(elf, args),
+        **options.origin(elf, args),
         "keypoints": [len(features) for features in found],
         "ratio": args.ratio,
         "matches": matches,

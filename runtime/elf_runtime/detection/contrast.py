@@ -1,4 +1,4 @@
-"""How much of an image there is around a place, in grey levels: what tells a texture from a blank wall's noise."""
+"""The contrast around a place, in grey levels, which tells a texture from the noise of a blank wall."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float32]
 
 LEAST_WINDOW = 11  # working pixels; smaller ones would call a blurred edge blank
-_FEW = 25  # the largest window that is cheaper to look at for 500 points than for a whole map
+_FEW = 25  # up to this window, 500 points cost less than a whole map
 
 
 def window_for(receptive_field: float, size: tuple[int, int]) -> int:
@@ -19,7 +19,7 @@ def window_for(receptive_field: float, size: tuple[int, int]) -> int:
 
 
 def contrast_map(pixels: Array, window: int) -> Array:
-    """Standard deviation in the window around each pixel of what the plane fitted to it leaves.
+    """Standard deviation, in the window around each pixel, of what is left when a fitted plane is taken away.
 
     With x, y = -r ... r over the window and E the mean over it,
 

@@ -2,13 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
+
+from elf_runtime.contract import DescriptorSpec
+from elf_runtime.errors import ImageError
+from elf_runtime.model.outputs import check_descriptors
 
 Array = npt.NDArray[np.float32]
 
 # Values interpolated together: few enough to stay in the cache.
 _BLOCK = 1 << 15
+
+
+@dataclass(frozen=True)
+class DescriptorMap:
+    """A descriptor map (h, w, D) of one image; `model` is the model's name for messages."""
+
+    values: Array
+    spec: DescriptorSpec
+    model: str
+
+    def at(self, points: Array) -> Array:
+        """The descriptors, (N, D), at working pixels (x, y).
+
+        Raises
+        ------
+        ModelError
+            If they are NaN or infinite, or the whole map is zero.
+        """
+        with np.errstate(invalid="ignore", over="ignore"):  # an error of its own follows
+            rows = sample(self.values, points, self.spec.stride, self.spec.offset)
+        check_descriptors(rows, self.values, self.spec, self.model)
+        return rows
 
 
 def sample(feature_map: Array, points: Array, stride: float, offset: float) -> Array:
@@ -56,3 +86,26 @@ def _unit(rows: Array, wide: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]
     wide[...] = rows
     wide /= np.maximum(np.sqrt(np.einsum("nd,nd->n", wide, wide))[:, None], np.finfo(np.float64).tiny)
     return wide
+
+
+def as_points(points: Any) -> Array:
+    """(N, 2) float32 (x, y) of an array of such, or of a sequence of cv2.KeyPoint.
+
+    Raises
+    ------
+    ImageError
+        On another shape, or values that are NaN or infinite.
+    """
+    if isinstance(points, Sequence) and points and hasattr(points[0], "pt"):
+        points = [p.pt for p in points]
+    try:
+        array = np.asarray(points, np.float32)
+    except (TypeError, ValueError) as error:
+        raise ImageError(f"points are an (N, 2) array of (x, y): {error}") from error
+    if array.size == 0:
+        return np.zeros((0, 2), np.float32)
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise ImageError(f"points are an (N, 2) array of (x, y), not of shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise ImageError("some points are NaN or infinite")
+    return array

@@ -29,7 +29,7 @@ def _edges(side: int, count: int) -> list[int]:
 
 
 def passing_by_cell(saliency: Array, params: DetectionParams, allowed: Mask | None = None) -> Mask:
-    """What reaches the level of its own cell: each is normalised and thresholded as if it were an image.
+    """The pixels that reach the level of their cell: each cell is normalised and thresholded like an image.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def passing_by_cell(saliency: Array, params: DetectionParams, allowed: Mask | No
 def shared_out(
     points: Index, scores: Scores, shape: tuple[int, int], grid: tuple[int, int], limit: int
 ) -> tuple[Index, Scores]:
-    """The strongest of each cell, up to its share of `limit`; places that a cell can't fill go to the strongest left.
+    """The strongest points of each cell, up to its share of `limit`; what a cell can't fill goes to the strongest left.
 
     Parameters
     ----------

@@ -88,7 +88,7 @@ def greedy_nms(
 
 
 def _numbered(scores: Scores, mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
-    """The candidates' numbers in the loop's order, the first one's the highest: the same order without ties."""
+    """The candidates numbered in the loop's order, the highest number first: the same order without ties."""
     candidates = np.flatnonzero(mask)
     order = candidates[np.argsort(-scores.ravel()[candidates].astype(np.float64), kind="stable")]
     numbers = np.zeros(scores.shape)
@@ -117,13 +117,13 @@ class _Frame:
         self._rows = np.lib.stride_tricks.sliding_window_view(self.values, self.side, writeable=True)
 
     def highest(self, remaining: npt.NDArray[np.bool_]) -> Index:
-        """Those of `remaining`, a mask of `values`, that none in their window exceeds."""
+        """The pixels of `remaining`, a mask of `values`, that no other in their window exceeds."""
         window = np.ones((self.side, self.side), np.uint8)
         highest = cv2.dilate(self._map, window, borderType=cv2.BORDER_CONSTANT, borderValue=self._none)
         return np.flatnonzero(remaining & (self.values == highest.ravel()))
 
     def first(self, index: Index) -> Index:
-        """Those of `index` that precede all others in their window."""
+        """The pixels of `index` that precede all others in their window."""
         if self._radius == 0:
             return index
         # The first maximum of a window is the one that precedes the rest.
@@ -138,7 +138,7 @@ class _Frame:
         return np.concatenate(kept)
 
     def clear(self, index: Index) -> None:
-        """Take what the windows cover from the candidates."""
+        """Remove the candidates that the windows cover."""
         for block in self._blocks(index):
             self._rows[block[:, None] + self._starts] = self._none
 

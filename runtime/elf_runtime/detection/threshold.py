@@ -78,7 +78,7 @@ def normalized(saliency: Array, params: DetectionParams, allowed: Mask | None = 
 
 
 def _cut(values: Scores, out: Scores | None) -> Scores:
-    """`values`, those above 255 being 255."""
+    """`values`, cut off at 255."""
     return np.asarray(cv2.threshold(values, 255.0, 255.0, cv2.THRESH_TRUNC, dst=out)[1])
 
 
@@ -132,8 +132,8 @@ def passing(scores: Scores, smooth: Scores, params: DetectionParams, allowed: Ma
     """The pixels, of those `allowed`, whose score reaches the level: Kapur's of `smooth`, or a fraction of the range.
 
     The level comes from the one blur and is held against the other: the paper chooses it on the map blurred for
-    that and then keeps the maxima of the denoised map above it.  What is not allowed has no part in the level: the
-    edge of a black surround would raise it.
+    that, and then keeps the maxima of the denoised map above it.  Pixels that are not allowed have no part in the
+    level: the edge of a black surround would raise it.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What a file is, by its first bytes: for messages about files that are not what they are taken for."""
+"""What a file is, by its first bytes, so that messages can say so."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _BRANDS = {
 
 
 def description(head: bytes, size: int | None = None) -> str | None:
-    """What the file is that begins with `head`, such as "a web page (HTML)"; None where nothing speaks for any kind.
+    """What the file is that begins with `head`, such as "a web page (HTML)"; None where it can't be told.
 
     Parameters
     ----------
@@ -81,12 +81,12 @@ def _is_text(head: bytes) -> bool:
 
 
 def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
-    """The file opened for reading, if it is one: a pipe or a terminal would be waited for, a device may never end.
+    """Open a regular file for reading.  A pipe or a terminal would block, and a device may never end.
 
     Raises
     ------
     OSError
-        If it can't be opened, or is no regular file: the reason is the error's text.
+        If it can't be opened, or is not a regular file; the text says why.
     """
     # A path with a zero byte is a ValueError of the system's interface.
     if "\0" in os.fsdecode(path):

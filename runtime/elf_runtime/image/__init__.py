@@ -1,10 +1,10 @@
-"""An image: read from a file, brought to the pixels that a graph takes, and what of it is image at all (masks).
+"""Images: read from files, converted to the pixels that a graph takes, and masked where no keypoint may be.
 
-May import the contract, `files` and errors.
+`read` is public.  May import the contract, `files` and errors.
 """
 
 from __future__ import annotations
 
-from .convert import read
+from .file import read
 
 __all__ = ["read"]

@@ -1,10 +1,7 @@
-"""From what a user has (grey, 8 or 16 bits, float) to what the graph takes: float32 pixels, NHWC."""
+"""From an image as a user has it (grey, 8 or 16 bits, float) to the pixels that the graph takes: float32, NHWC."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import cv2
@@ -12,27 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_runtime.contract import InputSpec
-from elf_runtime.errors import ImageError, first_line
-
-from .file import MAX_PIXELS as MAX_PIXELS
-from .file import ImageLike as ImageLike
-from .file import check_pixels as check_pixels
-from .file import read as read
+from elf_runtime.errors import ImageError
 
 Array = npt.NDArray[np.float32]
 
 _ROUNDING = 1e-6  # how far float pixels may lie outside [0, 1], where they are cut off
-
-
-@contextmanager
-def named(image: ImageLike, place: str = "") -> Iterator[None]:
-    """What is wrong with the image is said of its path, or of `place` in a batch."""
-    label = place if isinstance(image, np.ndarray) else os.fsdecode(image)
-    try:
-        yield
-    except (ImageError, MemoryError, cv2.error) as error:
-        text = str(error) if isinstance(error, ImageError) else f"it can't be processed: {first_line(error)}"
-        raise ImageError(f"{label}: {text}" if label else text) from error
 
 
 def to_pixels(image: npt.NDArray[Any], spec: InputSpec) -> Array:
@@ -53,33 +34,13 @@ def to_pixels(image: npt.NDArray[Any], spec: InputSpec) -> Array:
     ImageError
         On another dtype or shape, an empty image, NaN or infinite pixels, or floats outside [0, 1].
     """
-    if image.ndim == 3 and image.shape[2] == 1:
-        image = image[:, :, 0]
-    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)):
-        raise ImageError(f"an image has shape (H, W), (H, W, 3) or (H, W, 4), not {image.shape}")
-    if image.dtype == np.bool_:
-        image = image.astype(np.uint8) * np.uint8(255)
-    image = image.astype(image.dtype.newbyteorder("="), copy=False)
-    if image.dtype not in (np.uint8, np.uint16) and image.dtype.kind != "f":
-        raise ImageError(f"an image is uint8, uint16 or float in [0, 1], not {image.dtype}")
-    if 0 in image.shape[:2]:
-        raise ImageError(f"the image is empty: shape {image.shape}")
+    image = _native(image)
     if image.ndim == 3 and image.shape[2] == 4:
         if image.dtype.kind == "f" and not np.isfinite(image[:, :, 3]).all():
             raise ImageError("the image's alpha has NaN or infinite values")
         image = image[:, :, :3]
     if image.dtype.kind == "f":
-        low, high = float(image.min()), float(image.max())
-        if not (np.isfinite(low) and np.isfinite(high)):
-            raise ImageError("the image has NaN or infinite pixels")
-        if low < -_ROUNDING or high > 1.0 + _ROUNDING:
-            raise ImageError(
-                f"float images are in [0, 1], this one is in [{low:.9g}, {high:.9g}]; "
-                "convert it, or pass 8 or 16 bits as uint8 or uint16"
-            )
-        if low < 0.0 or high > 1.0:
-            image = image.clip(0.0, 1.0)
-        full = 1.0
+        image, full = _within_one(image), 1.0
     else:
         full = float(np.iinfo(image.dtype).max)
     pixels = np.ascontiguousarray(image).astype(np.float32)
@@ -94,6 +55,35 @@ def to_pixels(image: npt.NDArray[Any], spec: InputSpec) -> Array:
     elif spec.color == "rgb":
         pixels = cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)
     return np.asarray(pixels, np.float32)
+
+
+def _native(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The image as (H, W), (H, W, 3) or (H, W, 4), of uint8, uint16 or floats in this machine's byte order."""
+    if image.ndim == 3 and image.shape[2] == 1:
+        image = image[:, :, 0]
+    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)):
+        raise ImageError(f"an image has shape (H, W), (H, W, 3) or (H, W, 4), not {image.shape}")
+    if image.dtype == np.bool_:
+        image = image.astype(np.uint8) * np.uint8(255)
+    image = image.astype(image.dtype.newbyteorder("="), copy=False)
+    if image.dtype not in (np.uint8, np.uint16) and image.dtype.kind != "f":
+        raise ImageError(f"an image is uint8, uint16 or float in [0, 1], not {image.dtype}")
+    if 0 in image.shape[:2]:
+        raise ImageError(f"the image is empty: shape {image.shape}")
+    return image
+
+
+def _within_one(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Float pixels in [0, 1], what lies outside by a rounding error being cut off."""
+    low, high = float(image.min()), float(image.max())
+    if not (np.isfinite(low) and np.isfinite(high)):
+        raise ImageError("the image has NaN or infinite pixels")
+    if low < -_ROUNDING or high > 1.0 + _ROUNDING:
+        raise ImageError(
+            f"float images are in [0, 1], this one is in [{low:.9g}, {high:.9g}]; "
+            "convert it, or pass 8 or 16 bits as uint8 or uint16"
+        )
+    return image.clip(0.0, 1.0) if low < 0.0 or high > 1.0 else image
 
 
 def resized(pixels: Array, size: tuple[int, int]) -> Array:
@@ -113,7 +103,7 @@ def is_flat(pixels: npt.NDArray[Any]) -> bool:
 
 
 def is_blank(image: npt.NDArray[Any]) -> bool:
-    """Whether it is an image of integers, as `to_pixels` takes it, of one colour; its alpha does not matter."""
+    """Whether an image of integers has one colour only, whatever its alpha."""
     if image.dtype.kind != "u" or image.size == 0:
         return False
     if image.ndim == 2:
@@ -122,7 +112,7 @@ def is_blank(image: npt.NDArray[Any]) -> bool:
 
 
 def unused_range(image: npt.NDArray[Any]) -> float:
-    """By how much 16-bit pixels could be multiplied: many cameras of 10 to 14 bits write them as they are.
+    """The factor that would stretch 16-bit pixels over their range: cameras of 10 to 14 bits often leave it unused.
 
     Returns
     -------

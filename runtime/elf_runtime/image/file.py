@@ -1,16 +1,18 @@
-"""Image files: sized up before they are decoded, with their bit depth and alpha, and the reason where they can't be."""
+"""Image files: checked before they are decoded, and decoded with their bit depth and alpha."""
 
 from __future__ import annotations
 
+import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from elf_runtime.errors import ImageError, reason
+from elf_runtime.errors import ImageError, first_line, reason
 from elf_runtime.files.kind import HEAD, description, open_regular
 
 from .header import NEVER, SURELY, Header, is_cut_off, read_header
@@ -46,18 +48,56 @@ def read(image: ImageLike, *, ignore_exif: bool = False, max_pixels: int | None 
         return image
     if not isinstance(image, (str, os.PathLike)):
         raise ImageError(f"an image is a numpy array or a path, not {type(image).__name__}")
-    path = os.fsdecode(image)
-    try:
-        with open_regular(path) as file:
-            header = read_header(file)
-            if header:
-                check_pixels((header.height, header.width), max_pixels, f"the {header.kind} file")
+    return ImageFile(image, max_pixels).decoded(ignore_exif)
+
+
+class ImageFile:
+    """An image file that is read and not decoded yet.
+
+    Parameters
+    ----------
+    path : path
+    max_pixels : int, optional
+        See `read`.
+
+    Raises
+    ------
+    ImageError
+        As `read`, here and in `decoded`.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], max_pixels: int | None = MAX_PIXELS) -> None:
+        self.path = os.fsdecode(path)
+        with image_errors(self.path), open_regular(self.path) as file:
+            self._header = read_header(file)
+            if self._header:
+                check_pixels((self._header.height, self._header.width), max_pixels, f"the {self._header.kind} file")
             file.seek(0)
-            data = np.fromfile(file, np.uint8) if header else np.frombuffer(file.read(HEAD), np.uint8)
-        return _decoded(data, header, ignore_exif)
-    except (OSError, ImageError, MemoryError) as error:
-        text = "not enough memory to read it" if isinstance(error, MemoryError) else reason(error)
-        raise ImageError(f"{path}: {text}") from error
+            # Of what is no image, its first bytes are enough to say what it is.
+            self._data = np.fromfile(file, np.uint8) if self._header else np.frombuffer(file.read(HEAD), np.uint8)
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the file's bytes."""
+        return hashlib.sha256(self._data.data).hexdigest()
+
+    def decoded(self, ignore_exif: bool = False) -> npt.NDArray[Any]:
+        """The pixels, as `read` gives them."""
+        with image_errors(self.path):
+            return _decoded(self._data, self._header, ignore_exif)
+
+
+@contextmanager
+def image_errors(image: ImageLike, place: str = "") -> Iterator[None]:
+    """Say what is wrong with an image as an ImageError that begins with its path, or `place` for an array."""
+    label = place if isinstance(image, np.ndarray) else os.fsdecode(image)
+    try:
+        yield
+    except (ImageError, OSError, MemoryError, cv2.error) as error:
+        text = (
+            reason(error) if isinstance(error, (ImageError, OSError)) else f"it can't be processed: {first_line(error)}"
+        )
+        raise ImageError(f"{label}: {text}" if label else text) from error
 
 
 def check_pixels(shape: Sequence[int], max_pixels: int | None, what: str = "the image") -> None:
@@ -109,9 +149,9 @@ def _opencv(data: npt.NDArray[np.uint8], flags: int) -> npt.NDArray[Any] | None:
 
 
 def _with_alpha(pixels: npt.NDArray[Any], stored: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """`pixels` with the alpha channel of the same file, which OpenCV reads from it as it is `stored` only.
+    """`pixels` with the alpha channel of the same file, which OpenCV decodes only as it is `stored`, not turned.
 
-    The way that the file's orientation turned `pixels` is the one that makes the stored colours equal to them.
+    The turn that makes the stored colours equal to `pixels` is the one that the file's orientation asks for.
     """
     if pixels.ndim == 2:
         pixels = cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR)

@@ -1,4 +1,4 @@
-"""What of an image is image: masks and alpha channels, and how far keypoints keep away from their edge."""
+"""Where in an image keypoints may be: masks, alpha channels, and the distance from their edges."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def seen(image: npt.NDArray[Any], mask: npt.ArrayLike | None) -> npt.NDArray[np.
 
 
 def shrunk(mask: npt.NDArray[np.bool_], pixels: int) -> npt.NDArray[np.bool_]:
-    """The mask without what lies within so many pixels, along x and y, of a place that it leaves out."""
+    """The mask without the pixels that lie so near, along x and y, to a pixel that it leaves out."""
     pixels = min(pixels, max(mask.shape))
     if pixels == 0:
         return mask

@@ -1,6 +1,7 @@
-"""A model file: found, opened in a session of ONNX Runtime, run, and read without the onnx package.
+"""Model files: found, opened in sessions of ONNX Runtime, run, and read without the onnx package.
 
-May import the contract, `files` and errors; nothing here knows of images or keypoints.
+`bundled_model` and `with_outputs` are public.  May import the contract, `files` and errors; nothing here knows of image
+files or keypoints.
 """
 
 from __future__ import annotations

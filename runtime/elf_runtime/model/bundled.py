@@ -1,4 +1,4 @@
-"""The models that come with the package, wherever Python imports it from: a folder, an archive, a frozen program."""
+"""The models that come with the package, whether Python imports it from a folder, an archive or a frozen program."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _paths: dict[str, Path] = {}
 
 
 def read_bundled(precision: str = "fp32") -> tuple[bytes, str]:
-    """The bytes of the model that comes with the package, and how messages call it.
+    """The bytes of the model that comes with the package, and its name for messages.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def read_bundled(precision: str = "fp32") -> tuple[bytes, str]:
 def bundled_model(precision: str = "fp32") -> Path:
     """Path of the model that comes with the package, in "fp32" or "int8": the same network, layers and settings.
 
-    Where the package is no folder of files, a temporary copy's, which is there until the process ends.
+    Where the package is not a folder of files, it is that of a temporary copy, which is removed when the process ends.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Which execution provider really runs which node of a model: asked of ONNX Runtime's own profile."""
+"""Which execution provider runs which node of a model, by ONNX Runtime's own profile."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ import numpy as np
 from elf_runtime.contract import ModelContract
 from elf_runtime.errors import ElfError, ModelError, first_line
 
-from .session import Provider, open_session
+from .providers import Provider
+from .session import open_session
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Coverage:
         return not self.error and not self.elsewhere and bool(self.ran)
 
 
-def measure(model: str | Path, contract: ModelContract, provider: Provider, size: int = 64) -> Coverage:
+def measure(model: str | Path, contract: ModelContract, provider: Provider) -> Coverage:
     """Run `model` once on a small image of noise and read where each node was executed.
 
     Nothing is concluded from lists of supported ops: whether a provider takes a node depends on its
@@ -55,7 +56,7 @@ def measure(model: str | Path, contract: ModelContract, provider: Provider, size
         If the model itself can't be opened.
     """
     name = provider if isinstance(provider, str) else provider[0]
-    side = max(size, contract.input.min_size)
+    side = max(64, contract.input.min_size)
     shape = (1, *contract.input.size_for(side, side, 1.0), contract.input.channels)
     image = np.random.default_rng(0).random(shape, np.float32) * np.float32(contract.input.value_range)
     with tempfile.TemporaryDirectory() as folder:

@@ -18,15 +18,15 @@ Opened = TypeVar("Opened")
 
 
 class Holder(Protocol):
-    """What keeps sessions to run them again."""
+    """An object that keeps sessions."""
 
     def forget(self) -> None:
-        """Give up all sessions, in a child that has just been forked and has one thread."""
+        """Give up all sessions: this is a child that has just been forked, and has one thread."""
 
 
 _sessions: weakref.WeakSet[Any] = weakref.WeakSet()
 _holders: weakref.WeakSet[Holder] = weakref.WeakSet()
-# A fork waits while a session is being opened: locks that ONNX Runtime holds then would stay locked in the child.
+# A fork waits while a session is being opened: the locks that ONNX Runtime holds then would stay locked in the child.
 _opening = threading.RLock()
 
 

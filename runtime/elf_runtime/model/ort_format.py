@@ -17,7 +17,7 @@ from elf_runtime.files.write import write_atomically
 from .forking import opened
 from .onnx_file import read_onnx
 
-_MARK = slice(4, 8)  # of the file, where FlatBuffers keep their four letters
+_MARK = slice(4, 8)  # where a file of FlatBuffers has its four letters
 
 
 def is_ort_format(source: str | os.PathLike[str] | bytes) -> bool:
@@ -48,7 +48,7 @@ def to_ort(model: str | os.PathLike[str], output: str | os.PathLike[str], this_m
     Returns
     -------
     Path
-        `output`, which is whole or, on an error, as it was.
+        `output`.  Where writing fails, what was there before stays.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a run of the graph gave, held against its contract: a model that breaks it is an error, not keypoints."""
+"""The outputs of a run, held against the contract: a model that breaks it is an error, and gives no keypoints."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from elf_runtime.errors import ModelError
 
 Array = npt.NDArray[np.float32]
 
-# Cells that a map may have more or fewer than its stride and offset say, in all and as a share: padding and rounding at
-# strides differ by one or two, and the geometry of SAME padding changes with the image's size.
+# How many cells more or fewer than its stride and offset say a map may have, in all and as a share.  Padding and
+# rounding at strides differ by one or two, and the geometry of SAME padding changes with the image's size.
 _CELLS, _SHARE = 2, 0.1
 
 

@@ -1,4 +1,4 @@
-"""The sessions of one model: opened when they are needed, for what is asked for, and for the image sizes in use."""
+"""The sessions of one model: one for each set of outputs that is asked for, and for each image size in use."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from elf_runtime.errors import ModelError, first_line
 from .forking import forgets_when_forked
 from .onnx_file import has_external_data
 from .ort_format import is_ort_format
-from .session import is_cpu, open_session
+from .providers import is_cpu
+from .session import open_session
 from .subgraph import with_outputs
 
 Shape = tuple[int, ...]
@@ -31,23 +32,24 @@ class TensorInfo(NamedTuple):
     shape: list[int | str | None]
 
 
-MUCH_LARGER = 2  # times the pixels: an image whose memory is not worth keeping for others
+MUCH_LARGER = 2  # times the pixels: the memory that such an image took is not worth keeping for others
 
 
 class Sessions:
-    """ONNX Runtime computes every output of a graph, asked for or not, and fuses more where it knows the image's size.
+    """Opens the sessions of a model as they are needed, and keeps those that are likely to be needed again.
 
-    So there is a session for each set of outputs, and of those one for each of the image sizes used last, and a second
-    one where images of that size come in batches.  A size that comes once is not worth one: it runs in a session of any
-    size, which counts as one of the sizes.  The first size of all is expected again, and so is every size on other
-    providers than the CPU, which may compile at length.  A model in ORT format can be neither cut nor given a size: one
-    session serves all.
+    ONNX Runtime computes every output of a graph, asked for or not, and fuses more where it knows the image's size.  So
+    each set of outputs has its own sessions: one for each of the image sizes used last, and a second one where images
+    of that size come in batches.  A size that comes once is not worth a session.  It runs in one for any size, which
+    counts as one of the sizes.  The first size of all is expected to come again, and so is every size on other
+    providers than the CPU, which may take long to compile.  A model in ORT format can be neither cut nor given a size,
+    so it has one session.  A model whose nodes have graphs of their own (If, Loop) can't be cut.
 
     Parameters
     ----------
     model : bytes
     name : str
-        How messages call the model.
+        The model's name for messages.
     options : mapping
         Of `open_session`, ``providers`` as `resolve_providers` gives them.
     sizes : int
@@ -83,6 +85,7 @@ class Sessions:
         except Exception as error:  # text that is not UTF-8, and what else ONNX Runtime can't tell of a model
             raise ModelError(f"{name}: what it says of itself can't be read: {first_line(error)}") from error
         self._all = frozenset(tensor.name for tensor in self.outputs)
+        self._cuts: dict[frozenset[str], frozenset[str]] = {}  # outputs asked for -> those computed
         first = self.inputs[0].shape if self.inputs else []
         self._dims = [dim if isinstance(dim, str) else None for dim in first[:3]]
         self._at_once = self._sizes > 0 and not provisional
@@ -97,7 +100,7 @@ class Sessions:
         forgets_when_forked(self)
 
     def forget(self) -> None:
-        """Start anew in a forked child: the parent's sessions are not for it, and its lock may be held by nobody."""
+        """Start anew in a forked child: it can't use the parent's sessions, and a thread it lacks may hold the lock."""
         self._open, self._last, self._pixels = {}, {}, {}
         self._opening = threading.Lock()
 
@@ -119,9 +122,9 @@ class Sessions:
         session of any size gives its memory back after an image much larger than the last, or much smaller than one
         before.
         """
-        wanted = frozenset(outputs) if self._divisible else self._all
         alone, size = shape[0] == 1, shape[1:]
         with self._opening:
+            wanted = self._computed_for(outputs)
             key: _Key = (wanted, None, False)
             if self._sizes:
                 own: _Key = (wanted, size, alone)
@@ -131,18 +134,24 @@ class Sessions:
             if session is None:
                 fixed = zip(self._dims, shape, (alone, True, True), strict=True) if key[1] else ()
                 dims = {name: side for name, side, known in fixed if name and known}
-                part = self._model if wanted == self._all else self._cut(outputs)
+                part = self._model if wanted == self._all else with_outputs(self._model, outputs, self._name)
                 session = open_session(part, **self._options, dims=dims, name=self._name)[0]
                 self._make_room(wanted, key[1])
             self._open[key] = session
             return session, None if key[1] else self._shrinking(key, math.prod(shape))
 
-    def _cut(self, outputs: Sequence[str]) -> bytes:
-        """The part of the model for these outputs; all of it where nodes have graphs of their own (If, Loop)."""
-        try:
-            return with_outputs(self._model, outputs, self._name)
-        except ModelError:
-            return self._model
+    def _computed_for(self, outputs: Sequence[str]) -> frozenset[str]:
+        """What a session for these outputs computes: all, where the model can't be cut down to them."""
+        wanted = frozenset(outputs)
+        if not self._divisible or wanted == self._all:
+            return self._all
+        if wanted not in self._cuts:
+            try:
+                with_outputs(self._model, outputs, self._name)
+                self._cuts[wanted] = wanted
+            except ModelError:  # nodes with graphs of their own (If, Loop)
+                self._cuts[wanted] = self._all
+        return self._cuts[wanted]
 
     def _shrinking(self, key: _Key, pixels: int) -> ort.RunOptions | None:
         last, kept = self._pixels.get(key, (pixels, 0))

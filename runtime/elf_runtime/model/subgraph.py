@@ -1,8 +1,8 @@
 """A model cut down to some of its outputs, without the onnx package.
 
 ONNX Runtime computes every output of a graph, whichever are fetched: ``only_execute_path_to_fetches`` works
-in its training builds only (https://github.com/microsoft/onnxruntime/issues/16013).  Who wants the saliency
-alone, and not the descriptors' deeper layers, needs a model that has no other output.
+in its training builds only (https://github.com/microsoft/onnxruntime/issues/16013).  To compute the saliency
+alone, without the deeper layers of the descriptors, takes a model that has no other output.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ _TENSOR_NAME, _VALUE_NAME = 8, 1
 def with_outputs(source: str | os.PathLike[str] | bytes, outputs: Sequence[str], name: str = "<model bytes>") -> bytes:
     """The model with only these of its outputs, and the nodes and initializers that they need.
 
-    All else (opsets, metadata, inputs) stays as it is, byte for byte.  `name` is how messages call a model that is
-    given as bytes.
+    All else (opsets, metadata, inputs) stays as it is, byte for byte.  `name` is for messages, where the model is given
+    as bytes.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What pictures are put together from: panels, titles, colours, and drawing at sub-pixel places."""
+"""The parts of pictures: panels, titles, colours, and drawing at sub-pixel places."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ Color = tuple[int, int, int]
 
 WHITE: Color = (255, 255, 255)
 DARK: Color = (24, 24, 24)
+_GAP = 6  # pixels between two panels
 _SUBPIXEL_BITS = 4  # OpenCV draws at fixed-point coordinates
 _FONT, _FONT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.55
 
@@ -35,12 +36,12 @@ def _bgr(column: npt.NDArray[np.uint8]) -> list[Color]:
 
 
 def titled(picture: Picture, text: str, counts: str = "", legend: bool = False) -> Picture:
-    """`picture` under a dark strip with `text` and `counts`; of the text goes what does not fit, from its beginning.
+    """`picture` under a dark strip with `text` and `counts`.  A text that does not fit loses its beginning.
 
     Parameters
     ----------
     counts : str
-        What stands behind the text, whole where there is any room for it.
+        Stands behind the text, and is cut only where it does not fit alone.
     legend : bool
         Explain the colours of `strength_colors` at the strip's right end, where there is room.
     """
@@ -59,13 +60,13 @@ def titled(picture: Picture, text: str, counts: str = "", legend: bool = False) 
 
 
 def drawable(text: str) -> str:
-    """`text` as OpenCV can draw it: of a file name that is not Unicode, and of control characters, ``?`` is left."""
+    """`text` as OpenCV can draw it, with ``?`` for control characters and for what is not Unicode."""
     whole = text.encode("utf-8", "replace").decode()
     return "".join(character if character.isprintable() else "?" for character in whole)
 
 
 def _fitted(text: str, counts: str, width: int) -> str:
-    """`text` and `counts` in so many pixels: of the text its end, behind dots; what is too long even so is cut."""
+    """`text` and `counts` within `width` pixels: of the text only the end, behind dots, and cut if that is too long."""
     if _text_width(text + counts) <= width:
         return text + counts
     while text and _text_width("..." + text + counts) > width:
@@ -76,15 +77,15 @@ def _fitted(text: str, counts: str, width: int) -> str:
     return found
 
 
-def side_by_side(pictures: Sequence[Picture], gap: int = 6) -> Picture:
+def side_by_side(pictures: Sequence[Picture]) -> Picture:
     """Pictures in one row, aligned at the top, on a dark ground."""
     height = max(picture.shape[0] for picture in pictures)
-    width = sum(picture.shape[1] for picture in pictures) + gap * (len(pictures) - 1)
+    width = sum(picture.shape[1] for picture in pictures) + _GAP * (len(pictures) - 1)
     row = np.full((height, width, 3), DARK, np.uint8)
     x = 0
     for picture in pictures:
         row[: picture.shape[0], x : x + picture.shape[1]] = picture
-        x += picture.shape[1] + gap
+        x += picture.shape[1] + _GAP
     return row
 
 

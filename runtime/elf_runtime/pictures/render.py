@@ -10,14 +10,15 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from elf_runtime.engine import Trace
 from elf_runtime.results.features import Features
+from elf_runtime.results.trace import Trace
 
 from .canvas import DARK, Color, Picture, circle, distinct_colors, line, side_by_side, strength_colors, titled
 
 INLIER: Color = (90, 210, 60)
 OUTLIER: Color = (80, 80, 235)
 PASSED: Color = (235, 235, 120)
+PANEL = 800  # pixels of an image's longer side, at most
 
 
 def displayable(image: npt.NDArray[Any]) -> Picture:
@@ -36,24 +37,19 @@ def displayable(image: npt.NDArray[Any]) -> Picture:
     return np.ascontiguousarray(image[:, :, :3])
 
 
-def heatmap(values: npt.NDArray[np.floating], quantile: float = 0.995, colormap: int | None = None) -> Picture:
-    """A map in perceptual colours, from black (0) to bright (`quantile` of the values above 0, and beyond).
+def heatmap(values: npt.NDArray[np.floating]) -> Picture:
+    """A map, (H, W) float >= 0, in perceptual colours from black (0) to bright.
 
-    A quantile and not the maximum: a saliency map's few outliers would leave all else dark.
-
-    Parameters
-    ----------
-    values : (H, W) float, >= 0
-    colormap : OpenCV's number of one; INFERNO by default
+    Bright is the 99.5 % quantile of the values above 0, and beyond: with the maximum in its place, a saliency map's few
+    outliers would leave all else dark.
     """
     positive = values[values > 0]
-    top = float(np.quantile(positive, quantile)) if positive.size else 1.0
+    top = float(np.quantile(positive, 0.995)) if positive.size else 1.0
     levels = (np.clip(values / top, 0.0, 1.0) * 255.0).astype(np.uint8)
-    table = cv2.COLORMAP_INFERNO if colormap is None else colormap
-    return np.asarray(cv2.applyColorMap(levels, table), np.uint8)
+    return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_INFERNO), np.uint8)
 
 
-def draw_keypoints(image: npt.NDArray[Any], features: Features, dim: float = 0.75) -> Picture:
+def draw_keypoints(image: npt.NDArray[Any], features: Features) -> Picture:
     """The image, greyed and dimmed, with a ring on each keypoint, from weak (violet) to strong (yellow).
 
     Colours go by the keypoints' rank, so that they spread over the whole scale whatever the scores are.
@@ -61,10 +57,8 @@ def draw_keypoints(image: npt.NDArray[Any], features: Features, dim: float = 0.7
     Parameters
     ----------
     image : (H, W, ...) array of the size that the features came from
-    dim : float
-        Factor of the image's brightness.
     """
-    picture = _dimmed(displayable(image), dim)
+    picture = _dimmed(displayable(image), 0.75)
     colors = strength_colors(len(features))
     unit = _unit(picture)
     radius = max(2.5, 4.0 * unit)
@@ -76,7 +70,7 @@ def draw_keypoints(image: npt.NDArray[Any], features: Features, dim: float = 0.7
 
 
 def draw_mask(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_]) -> Picture:
-    """What passed the threshold in one bright colour, over the dark image.
+    """The pixels that passed the threshold in one bright colour, over the darkened image.
 
     Parameters
     ----------
@@ -92,18 +86,16 @@ def draw_mask(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_]) -> Picture:
     return np.asarray(picture * (1.0 - share) + np.array(PASSED, np.float32) * share, np.uint8)
 
 
-def detection_picture(image: npt.NDArray[Any], trace: Trace, title: str = "", panel_side: int = 800) -> Picture:
+def detection_picture(image: npt.NDArray[Any], trace: Trace, title: str = "") -> Picture:
     """Keypoints, saliency and threshold side by side, each panel under a title.
 
     Parameters
     ----------
     image : (H, W, ...) array
         The source image of `trace`.
-    panel_side : int
-        A larger image is shrunk until its longer side is this long; a tiny one is enlarged.
     """
     features = trace.features
-    view, factor = _fitted(displayable(image), panel_side)
+    view, factor = _fitted(displayable(image))
     size = (view.shape[1], view.shape[0])
     points = ((features.keypoints + 0.5) * factor - 0.5).astype(np.float32)
     seen = replace(features, keypoints=points, image_size=view.shape[:2])
@@ -122,7 +114,6 @@ def match_picture(
     points: Sequence[npt.NDArray[np.float32]],
     inliers: npt.NDArray[np.bool_] | None = None,
     titles: Sequence[tuple[str, str]] = (("", ""), ("", "")),
-    panel_side: int = 800,
 ) -> Picture:
     """Two images side by side with a line for each match.
 
@@ -138,7 +129,7 @@ def match_picture(
     """
     views, factors = [], []
     for image in images:
-        view, factor = _fitted(displayable(image), panel_side)
+        view, factor = _fitted(displayable(image))
         views.append(_dimmed(view, 0.7))
         factors.append(factor)
     panels = [titled(view, *title) for view, title in zip(views, titles, strict=True)]
@@ -168,10 +159,10 @@ def match_picture(
     return picture
 
 
-def _fitted(picture: Picture, side: int) -> tuple[Picture, float]:
-    """The picture shrunk to `side` pixels, or enlarged by a whole number to a few hundred, and the factor."""
+def _fitted(picture: Picture) -> tuple[Picture, float]:
+    """The picture, a large one shrunk until it fits a panel, a tiny one enlarged by a whole number, and the factor."""
     longest = max(picture.shape[:2])
-    factor = min(1.0, side / longest) if longest * 2 > min(side, 400) else float(min(side, 400) // longest)
+    factor = min(1.0, PANEL / longest) if longest * 2 > 400 else float(400 // longest)
     size = (max(1, round(picture.shape[1] * factor)), max(1, round(picture.shape[0] * factor)))
     method = cv2.INTER_AREA if factor <= 1.0 else cv2.INTER_NEAREST
     return np.asarray(cv2.resize(picture, size, interpolation=method), np.uint8), factor

@@ -1,4 +1,4 @@
-"""What detection gives: features, their matches, and the two-view geometry that matches agree with.
+"""What detection gives: features, the trace that led to them, matches, and the geometry that matches agree with.
 
 May import the settings, `files` and errors.
 """

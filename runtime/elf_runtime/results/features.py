@@ -1,4 +1,4 @@
-"""What `detect` returns."""
+"""`Features`: keypoints, scores and descriptors of an image, and the files they are kept in."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Array = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """Keypoints of one image with scores and descriptors.  Two are equal only if they are one object.
+    """Keypoints of one image with scores and descriptors.  Instances compare by identity.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Features:
         ----------
         path : path
         record : mapping, optional
-            Where they come from, as plain data: it goes into an ``.npz`` as JSON, for `load_record`.
+            Where they come from, as plain data.  An ``.npz`` holds it as JSON, and `load_record` reads it.
 
         Raises
         ------
@@ -133,7 +133,7 @@ class Features:
 
 
 def load_record(path: str | os.PathLike[str]) -> dict[str, Any] | None:
-    """What `Features.save` recorded in a ``.npz``; None where the file is absent, another one, or has no record."""
+    """The record that `Features.save` put into a ``.npz``; None where there is no such file or record."""
     try:
         with open_regular(path) as file, np.load(file, allow_pickle=False) as data:
             record = json.loads(str(data["record"]))

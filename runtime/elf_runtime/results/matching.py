@@ -27,8 +27,8 @@ def match(
     Parameters
     ----------
     first, second : Features, or (N, D) and (M, D) descriptors
-        Floats or integers.  Rows of any length: it is the distance |a - b| that counts.  Bytes that are bits (ORB's,
-        BRIEF's) have another distance, Hamming's, which this is not: ``cv2.BFMatcher(cv2.NORM_HAMMING)`` has.
+        Floats or integers.  Rows may have any length: what counts is the distance |a - b|.  Bytes that are bits (ORB's,
+        BRIEF's) are refused, because their distance is Hamming's: use ``cv2.BFMatcher(cv2.NORM_HAMMING)``.
     ratio : float in (0, 1), optional
         Lowe's test from the first image's side: keep a match only where the nearest distance is below
         ``ratio`` times the second nearest.
@@ -80,13 +80,13 @@ def _rows(side: Features | npt.ArrayLike, name: str) -> Rows:
         )
     if rows.ndim != 2:
         raise SettingError(f"{kind}, not of shape {rows.shape}: it can't be compared")
-    # What float32 does not hold is compared in float64.
+    # Numbers that float32 can't hold are compared in float64.
     rows = rows.astype(np.float32 if rows.dtype in (np.float16, np.float32) else np.float64, copy=False)
     with np.errstate(over="ignore", invalid="ignore"):
         finite = np.isfinite(rows).all() and np.isfinite(_squares(rows)).all()
     if not finite:
         raise SettingError(f"some descriptors of the {name} side are NaN, infinite or too large")
-    # Descriptors of unit length, turned round: 16 to 512 rows whose columns have that length.
+    # Transposed descriptors of unit length: 16 to 512 rows whose columns have that length.
     if 16 <= len(rows) <= 512 and rows.shape[1] and _is_unit(rows.T, 1e-3) and not _is_unit(rows, 0.1):
         raise SettingError(f"{kind}; this one of shape {rows.shape} looks like (D, N): pass its transpose")
     return rows
@@ -102,11 +102,11 @@ def _is_unit(rows: Rows, tolerance: float = 1e-5) -> bool:
 
 
 def _nearest(a: Rows, b: Rows, second: bool) -> tuple[Index, Index, npt.NDArray[np.float64] | None]:
-    """The nearest row of `b` to each of `a`, and the other way round, the first one where several are.
+    """The row of `b` nearest to each of `a`, and the other way round; the first one where several are equally near.
 
-    |a - b|^2 = |a|^2 + |b|^2 - 2 a.b; of unit rows, which come in float32, the products alone decide.  The table of all
-    products is gone through in bands of rows: it is never whole in memory, and a band is low enough for maxima along
-    its columns to be cheap.
+    |a - b|^2 = |a|^2 + |b|^2 - 2 a.b; of unit rows, which come in float32, the products alone decide.  The products are
+    taken in bands of rows, so that all of them are never in memory at once, and that maxima along the columns of a band
+    are cheap.
 
     Returns
     -------

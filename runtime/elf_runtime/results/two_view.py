@@ -13,7 +13,7 @@ from elf_runtime.errors import SettingError
 
 # The fewest matches that the solver behind each model takes.
 LEAST_MATCHES = {"homography": 4, "fundamental": 8}
-# Geometries that chance gives, below which one is no accident.
+# A geometry is no accident if chance gives fewer than so many like it.
 MOST_BY_CHANCE = 1e-3
 
 
@@ -29,8 +29,8 @@ class TwoView:
     inliers : (M,) bool
         Which of the matches agree with `matrix`.
     chance : float
-        How many geometries with as many inliers are to be expected among as many matches that have nothing to do with
-        each other: see `expected_by_chance`.  Infinite where nothing could be fitted.
+        How many geometries with as many inliers can be expected among as many unrelated matches: see
+        `expected_by_chance`.  Infinite where nothing could be fitted.
     """
 
     kind: str
@@ -40,7 +40,7 @@ class TwoView:
 
     @property
     def supported(self) -> bool:
-        """Whether the matches speak for the geometry: chance would hardly have given as many inliers."""
+        """Whether the matches support the geometry: chance would hardly give as many inliers."""
         return self.chance <= MOST_BY_CHANCE
 
     def __repr__(self) -> str:

@@ -9,7 +9,7 @@ from elf_eval.bench.measurement import METRICS
 from elf_eval.bench.pareto import Point, Study, front
 from elf_eval.errors import EvalError
 from elf_eval.run.averages import Keypoints
-from elf_runtime.checks.statistics import Interval
+from elf_runtime.timing.statistics import Interval
 
 
 def point(name: str, time: float, score: float | None) -> Point:

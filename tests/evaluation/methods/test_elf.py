@@ -15,7 +15,7 @@ from elf_eval.methods import open_method, open_methods
 from elf_eval.protocol import Protocol
 from elf_eval.run.extraction import Extraction, extract_features
 from elf_runtime import ElfRuntime
-from elf_runtime.model.session import bundled_model
+from elf_runtime.model.bundled import bundled_model
 
 
 def test_the_bundled_model_by_precision(tmp_path):
@@ -53,6 +53,8 @@ def test_settings_reach_the_runtime_and_the_fingerprint(model, image):
     assert plain.fingerprint != wide.fingerprint
     assert plain.fingerprint == open_method(f"elf:{model}", threads=1).fingerprint
     assert len(wide.extract(image, 500)) < len(plain.extract(image, 500))
+    few = open_method(f"elf:{model}?max_keypoints=7&grid=2,2&min_contrast=0&mask_border=auto")
+    assert (len(few.extract(image, 500)), len(few.extract(image, 5))) == (7, 5)
 
 
 def test_sift_keypoints_with_elf_descriptors(model, image):

@@ -7,7 +7,7 @@ import runpy
 
 import pytest
 
-from elf_runtime.model.session import bundled_model
+from elf_runtime.model import bundled_model
 from helpers import ROOT
 
 SCRIPT = runpy.run_path(str(ROOT / "benchmarks" / "node_times.py"))

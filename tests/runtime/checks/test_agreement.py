@@ -13,8 +13,8 @@ import pytest
 from elf_runtime import ElfRuntime, Features, SettingError
 from elf_runtime.checks.agreement import agreement, compare, pattern
 from elf_runtime.commands.info import main
-from elf_runtime.model import sessions
-from elf_runtime.model.session import bundled_model, is_cpu
+from elf_runtime.model import bundled_model, sessions
+from elf_runtime.model.providers import is_cpu
 from helpers import TINY
 
 AZURE = "AzureExecutionProvider"  # installed with the CPU build, runs no op of ONNX's own, leaves all to the CPU

@@ -12,22 +12,22 @@ import numpy as np
 import pytest
 
 from elf_runtime import ElfError, ElfRuntime
-from elf_runtime.commands import _fresh
-from elf_runtime.commands._bench_table import _size_rows
-from elf_runtime.commands._contenders import (
+from elf_runtime.commands.bench import _open, build_parser, main, sizes
+from elf_runtime.commands.bench_table import _size_rows
+from elf_runtime.commands.bench_workloads import (
     PEER_KEYPOINTS,
-    Contender,
+    Workload,
     _opencv,
     float_model,
     peers,
     synthetic,
     torch_peer,
 )
-from elf_runtime.commands._fresh import peak_memory, start_up
-from elf_runtime.commands._timing import interleaved, with_sums
-from elf_runtime.commands.bench import _open, build_parser, main, sizes
+from elf_runtime.model import bundled_model
 from elf_runtime.model.ort_format import to_ort
-from elf_runtime.model.session import bundled_model
+from elf_runtime.timing import fresh_process
+from elf_runtime.timing.fresh_process import peak_memory, start_up
+from elf_runtime.timing.interleave import interleaved, with_sums
 from helpers import ROOT, TINY
 
 STAGES = ("read", "prepare", "session", "blur", "threshold", "nms", "descriptors")
@@ -103,7 +103,7 @@ def test_a_photograph_gets_the_size_asked_for(tmp_path: Path, capsys: pytest.Cap
 @pytest.mark.parametrize(("more", "spin"), [([], None), (["--spin"], True)])
 def test_every_size_has_its_session_and_threads_spin_as_by_default(more: list[str], spin: bool | None) -> None:
     args = build_parser().parse_args(["--sizes", "48x64,64x48,64x64", "--threads", "1", *more])
-    _, options, count = _open(str(TINY), args)._given
+    _, options, count = _open(str(TINY), args)._network.given
     assert (options["spin"], options["threads"], count) == (spin, 1, 3)
 
 
@@ -124,12 +124,12 @@ def test_the_table_is_in_milliseconds_percent_and_mebibytes() -> None:
 def test_rounds_rotate_and_drop_the_warm_up() -> None:
     log: list[str] = []
 
-    def contender(name: str) -> Contender:
+    def contender(name: str) -> Workload:
         def run() -> tuple[int | None, dict[str, float]]:
             log.append(name)
             return (5, {"read": 1.0, "nms": 2.0, "blur": 3.0}) if name == "a" else (None, {})
 
-        return Contender(name, name, run)
+        return Workload(name, name, run)
 
     samples, keypoints = interleaved([contender(n) for n in "abc"], warmup=1, repeats=2)
     assert "".join(log) == "abc" + "bca" + "cab"
@@ -254,7 +254,7 @@ def test_peak_memory_is_the_childs_own() -> None:
 
 def test_start_up_is_a_median(monkeypatch: pytest.MonkeyPatch) -> None:
     runs = iter([(1.0, 5.0), (9.0, 4.0), (2.0, 60.0)])
-    monkeypatch.setattr(_fresh, "_run", lambda *_: dict(zip(("import_s", "load_s"), next(runs), strict=True)))
+    monkeypatch.setattr(fresh_process, "_run", lambda *_: dict(zip(("import_s", "load_s"), next(runs), strict=True)))
     assert start_up(None, None, 1, 3) == {"processes": 3, "import_s": 2.0, "load_s": 5.0}
 
 

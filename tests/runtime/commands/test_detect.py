@@ -15,10 +15,11 @@ import onnxruntime as ort
 import pytest
 
 from elf_runtime import ElfRuntime, Features, ModelError
-from elf_runtime.commands._contenders import synthetic
-from elf_runtime.commands._inputs import image_files
+from elf_runtime.commands.bench_workloads import synthetic
 from elf_runtime.commands.detect import main
-from elf_runtime.image import convert as images
+from elf_runtime.commands.inputs import image_files
+from elf_runtime.image import read
+from elf_runtime.image.file import ImageFile
 from helpers import ROOT, TINY, turned_jpeg
 
 MISSING = next(name for name in ort.get_all_providers() if name not in ort.get_available_providers())
@@ -85,7 +86,7 @@ def test_keypoints_are_in_the_turned_image_or_in_stored_pixels(tmp_path: Path) -
     for more, size in (([], (128, 96)), (["--ignore-exif"], (96, 128))):
         assert detect(tmp_path / "a.jpg", "-o", tmp_path / "out", "--mask", tmp_path / "roi.jpg", *more) == 0
         found = Features.load(tmp_path / "out" / "a.npz")
-        wanted = elf.detect(images.read(tmp_path / "a.jpg", ignore_exif=bool(more)))
+        wanted = elf.detect(read(tmp_path / "a.jpg", ignore_exif=bool(more)))
         assert found.image_size == size
         np.testing.assert_array_equal(found.keypoints, wanted.keypoints)
 
@@ -97,7 +98,7 @@ def test_threads_and_provider_reach_the_model(monkeypatch: pytest.MonkeyPatch, t
         given.update(options, model=model)
         raise ModelError("not opened")
 
-    monkeypatch.setattr("elf_runtime.commands._common.ElfRuntime", opened)
+    monkeypatch.setattr("elf_runtime.commands.options.ElfRuntime", opened)
     arguments = [str(write(tmp_path / "a.png")), "-o", str(tmp_path / "out"), "--model", "m.onnx"]
     assert main([*arguments, "--threads", "3", "--provider", "cuda"]) == 1
     assert given == {"model": "m.onnx", "threads": 3, "providers": "cuda"}
@@ -143,12 +144,12 @@ def test_a_folder_is_made_only_for_what_goes_into_it(tmp_path: Path, capsys: pyt
 
 
 def test_the_stages_hold_the_time_that_decoding_takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def slowly(path: Path, **options: bool) -> np.ndarray:
+    def slowly(*given: object) -> np.ndarray:
         time.sleep(0.05)
-        return read(path, **options)
+        return decoded(*given)
 
-    read = images.read
-    monkeypatch.setattr(images, "read", slowly)
+    decoded = ImageFile.decoded
+    monkeypatch.setattr(ImageFile, "decoded", slowly)
     assert detect(write(tmp_path / "a.png"), "-o", tmp_path / "out", "--json", tmp_path / "s.json") == 0
     (summary,) = json.loads((tmp_path / "s.json").read_text())["images"]
     assert 0.05 <= summary["stages"]["read"] <= summary["seconds"]

@@ -13,11 +13,11 @@ import onnxruntime as ort
 import pytest
 
 from elf_runtime import ElfRuntime, ModelContract
-from elf_runtime.commands._info_text import _agreement, _coverage, _descriptor, _parity_rows, _sizes
 from elf_runtime.commands.info import gflop_per_megapixel, main
+from elf_runtime.commands.info_text import _agreement, _coverage, _descriptor, _parity_rows, _sizes
+from elf_runtime.model import bundled_model
 from elf_runtime.model.coverage import from_events, measure
 from elf_runtime.model.onnx_file import read_onnx
-from elf_runtime.model.session import bundled_model
 from helpers import ROOT, TINY, textured
 
 

@@ -13,9 +13,9 @@ import pytest
 
 from elf_runtime import ElfRuntime
 from elf_runtime import match as matched
-from elf_runtime.commands._contenders import synthetic
+from elf_runtime.commands.bench_workloads import synthetic
 from elf_runtime.commands.match import main
-from elf_runtime.image import convert as images
+from elf_runtime.image import read
 from elf_runtime.results.two_view import fit
 from helpers import TINY, turned_jpeg
 
@@ -149,9 +149,7 @@ def test_settings_and_stored_pixels_reach_the_detector(pair: tuple[Path, Path], 
     more = ["--set", "max_keypoints=40", "--ignore-exif"]
     assert match(*pair, "-o", tmp_path / "m.png", "--save", tmp_path / "m.npz", *more) == 0
     elf = ElfRuntime(TINY, threads=1)
-    first, second = (
-        elf.detect(images.read(path, ignore_exif=True), threshold="none", max_keypoints=40) for path in pair
-    )
+    first, second = (elf.detect(read(path, ignore_exif=True), threshold="none", max_keypoints=40) for path in pair)
     with np.load(tmp_path / "m.npz") as saved:
         np.testing.assert_array_equal(saved["pairs"], matched(first, second))
         np.testing.assert_array_equal(saved["points_a"], first.keypoints[saved["pairs"][:, 0]])

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from elf_runtime import ImageError, InputSpec
-from elf_runtime.image.convert import is_flat, read, resized, to_pixels
+from elf_runtime.image import read
+from elf_runtime.image.convert import is_flat, resized, to_pixels
 from elf_runtime.image.masks import to_mask
 from helpers import textured, turned_jpeg
 

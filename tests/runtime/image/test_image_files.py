@@ -18,7 +18,7 @@ import pytest
 from elf_runtime import ElfError, ElfRuntime, Features, ImageError, ModelError
 from elf_runtime.commands.detect import main as detect
 from elf_runtime.files.kind import description
-from elf_runtime.image.convert import read
+from elf_runtime.image import read
 from elf_runtime.image.header import read_header
 from elf_runtime.model.onnx_file import read_onnx
 from helpers import ROOT, TINY, textured, turned_jpeg

@@ -14,7 +14,7 @@ import pytest
 from elf_runtime import DetectionParams, ElfRuntime, ImageError, SettingError
 from elf_runtime.commands import detect as detect_command
 from elf_runtime.detection.threshold import blurred, passing
-from elf_runtime.image.convert import read
+from elf_runtime.image import read
 from elf_runtime.image.masks import shrunk
 from helpers import ROOT, textured
 

@@ -53,13 +53,13 @@ def spoiled(value: float) -> Callable[[np.ndarray], np.ndarray]:
 def altered() -> Callable[[Callable[[Maps], Maps]], ElfRuntime]:
     def make(alter: Callable[[Maps], Maps]) -> ElfRuntime:
         elf = ElfRuntime(TINY, threads=1)
-        get = elf._sessions.get
+        get = elf._network.sessions.get
 
         def altered_get(*arguments: object, **options: object) -> tuple[Altered, object]:
             session, run = get(*arguments, **options)  # type: ignore[arg-type]
             return Altered(session, alter), run
 
-        elf._sessions.get = altered_get  # type: ignore[assignment,method-assign]
+        elf._network.sessions.get = altered_get  # type: ignore[assignment,method-assign]
         return elf
 
     return make

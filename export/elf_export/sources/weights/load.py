@@ -14,7 +14,7 @@ import numpy.typing as npt
 from elf_export.errors import WeightsError
 from elf_export.sources.networks.parts.network import Network
 from elf_runtime.files.write import write_atomically
-from elf_runtime.model.session import bundled_model
+from elf_runtime.model import bundled_model
 
 from .fingerprint import fingerprint, mismatches
 from .formats import read_tensors

@@ -1,0 +1,143 @@
+"""The image files that a command line names, and for each a name of its own for its results."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections import Counter
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+
+from elf_runtime.files.write import real
+from elf_runtime.results.features import load_record
+
+from .command import UsageError
+
+# What `cv2.imread` of every build decodes; a folder may hold other files too.
+IMAGE_SUFFIXES = frozenset(
+    (".bmp", ".jpeg", ".jpg", ".jp2", ".pbm", ".pgm", ".png", ".pnm", ".ppm", ".tif", ".tiff", ".webp")
+)
+# What some builds of OpenCV decode too; such files are taken where they are named.
+_OTHER_SUFFIXES = frozenset((".avif", ".exr", ".gif", ".hdr", ".jpe", ".pam", ".pfm", ".pic", ".ras", ".sr"))
+
+
+def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | None = None) -> dict[Path, Path]:
+    """The files that are named, the image files of folders (sorted), and what patterns match; each file once.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+    recursive : bool
+        Whether to look into the subfolders of folders, though not through links.  Hidden files and folders never count,
+        nor do pictures that elf-detect wrote.
+    base : Path, optional
+        See below.
+
+    A file that is named stays in the list even if it does not exist, so that its error stops no other.
+
+    Returns
+    -------
+    dict
+        Each image's path -> the name, without ending, of what is written for it, whatever else is in the run: its path
+        as it is given, ``photos/x/1`` for ``../photos/x/1.jpg``; of an absolute one the part below the folder that is
+        given, or the file's name; with `base`, the part below that.  The ending stays where the folder has an image
+        that differs in nothing else.
+
+    Raises
+    ------
+    UsageError
+        If a folder or a pattern has no image, or an image is not below `base`.
+    """
+    found: list[tuple[Path, Path]] = []
+    for argument in arguments:
+        path = Path(argument)
+        if path.is_dir():
+            entries = path.rglob("*") if recursive else path.iterdir()
+            shown = (p for p in entries if not any(part.startswith(".") for part in p.relative_to(path).parts))
+            images = (p for p in shown if p.suffix.lower() in IMAGE_SUFFIXES and p.is_file())
+            inside = sorted(p for p in images if not _is_written(p))
+            if not inside:
+                place = " or below it" if recursive else "; --recursive looks below it too"
+                raise UsageError(f"{argument}: no images ({', '.join(sorted(IMAGE_SUFFIXES))}) in this folder{place}")
+            found += [(p, path) for p in inside]
+        elif not os.path.lexists(path) and glob.has_magic(argument):
+            # The shell has not expanded it: it was quoted, or the shell is Windows' own.
+            matches = sorted(Path(p) for p in glob.glob(argument, recursive=True))
+            if not matches:
+                raise UsageError(f"{argument}: no file matches")
+            found += [(p, p.parent) for p in matches if p.is_file()]
+        else:
+            found.append((path, path.parent))
+    names: dict[Path, Path] = {}
+    seen: set[str] = set()
+    for path, folder in found:
+        if os.path.abspath(path) not in seen:
+            seen.add(os.path.abspath(path))
+            names[path] = _name(path, folder, base)
+    return names
+
+
+def _name(path: Path, folder: Path, base: Path | None) -> Path:
+    if base is not None:
+        whole, start = Path(os.path.abspath(path)), os.path.abspath(base)
+        if not whole.is_relative_to(start):
+            raise UsageError(f"--base {base}: {path} is not below it")
+        return _without_ending(whole.relative_to(start), path)
+    below = path.relative_to(folder) if path.is_absolute() else path
+    return _without_ending(Path(*(part for part in below.parts if part != "..")), path)
+
+
+def _without_ending(name: Path, path: Path) -> Path:
+    """`name` without its ending, unless another image of its folder differs in the ending only."""
+    try:
+        stems = _stems(path.parent, os.stat(path.parent).st_mtime_ns)
+    except OSError:  # the image has an error of its own
+        return name.with_suffix("")
+    return name if stems[path.stem] > 1 else name.with_suffix("")
+
+
+@lru_cache(maxsize=1024)
+def _stems(folder: Path, _: int) -> Counter[str]:
+    """How many images of a folder have a name; a picture that elf-detect wrote is none."""
+    images = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES | _OTHER_SUFFIXES]
+    counts = Counter(path.stem for path in images)
+    counts.subtract(path.stem for path in images if counts[path.stem] > 1 and _is_written(path))
+    return counts
+
+
+def _is_written(path: Path) -> bool:
+    """Whether an image is a picture that elf-detect wrote of another one."""
+    if path.suffix.lower() != ".png":
+        return False
+    record = load_record(path.with_suffix(".npz"))
+    return record is not None and record.get("image") != os.path.realpath(path)
+
+
+def check_pictures(arguments: Sequence[str], paths: Sequence[Path], output: Path, recursive: bool) -> None:
+    """Refuse a folder whose pictures would be images of the next run, or are some of this one.
+
+    Parameters
+    ----------
+    arguments, recursive
+        What `image_files` was given.
+    paths : sequence of Path
+        What it found.
+    output : Path
+        The folder that gets a NAME.png for each.
+
+    Raises
+    ------
+    UsageError
+        If images are taken from that folder.
+    """
+    out = real(output)
+    for folder in map(Path, arguments):
+        if folder.is_dir() and (out == real(folder) or (recursive and real(folder) in out.parents)):
+            raise UsageError(
+                f"-o {output}: the pictures would be taken for images of the folder {folder} next time; "
+                "give a folder outside it, or --no-picture"
+            )
+    for path in paths:
+        if _is_written(path):
+            raise UsageError(f"{path} is a picture that elf-detect wrote; leave it out, or --no-picture")

@@ -1,0 +1,156 @@
+"""The options that commands share: model, images and detection settings, and what they stand for."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy.typing as npt
+
+from elf_runtime.engine import ElfRuntime
+from elf_runtime.errors import SettingError
+from elf_runtime.image.file import MAX_PIXELS, read
+from elf_runtime.params import SETTINGS, DetectionParams, parse_setting, parse_value
+from elf_runtime.presets import PRESETS
+
+from .command import UsageError
+
+
+def add_model_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("model")
+    group.add_argument("--model", metavar="FILE", help="ELF model that elf-export wrote; default: the bundled one")
+    group.add_argument(
+        "--provider",
+        metavar="NAME",
+        help="ONNX Runtime execution provider: cpu (default), cuda, openvino, ...",
+    )
+    group.add_argument("--threads", type=positive, metavar="N", help="threads of the network; default: one per core")
+
+
+def add_detection_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group(
+        "detection",
+        "Lengths are in pixels of the source image. What is not given is the preset's, else the model's.",
+    )
+    group.add_argument("--max-keypoints", type=int, metavar="N", help="keep the N strongest keypoints")
+    group.add_argument(
+        "--threshold",
+        type=parse_value,
+        metavar="T",
+        help="'kapur': maximum-entropy level of the blurred saliency; 'none'; or a fixed level in [0, 1]",
+    )
+    group.add_argument(
+        "--nms-radius",
+        type=int,
+        metavar="R",
+        help="a keypoint suppresses weaker ones within R pixels in x and y, to the nearest pixel at the working scale",
+    )
+    group.add_argument("--border", type=int, metavar="B", help="no keypoints within B pixels of the image's edges")
+    group.add_argument(
+        "--grid", type=grid, metavar="RxC",
+        help="spread keypoints over R x C cells of the image, an equal share each",
+    )  # fmt: skip
+    group.add_argument(
+        "--preset", choices=PRESETS,
+        help="fast, default (the model's own), accurate, or settings of the ELF paper's experiments",
+    )  # fmt: skip
+    group.add_argument("--scale", type=float, metavar="S", help="resize the image by S for the network (0.5 = half)")
+    group.add_argument("--descriptor", metavar="LAYER", help="which of the model's descriptors (see elf-info)")
+    group.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", type=setting,
+        help=f"any setting, such as normalize=0.95 or denoise=5,1.2; may be given several times. NAME is one of "
+        f"{', '.join(SETTINGS)}",
+    )  # fmt: skip
+
+
+def add_image_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--ignore-exif",
+        action="store_true",
+        help="take images as they are stored, as COLMAP does; by default they are turned as their EXIF orientation "
+        "says, and keypoints are in the turned image (OpenCV turns TIFF files in any case)",
+    )
+    parser.add_argument(
+        "--max-pixels", type=positive, default=MAX_PIXELS, metavar="N",
+        help=f"refuse image files of more pixels before decoding them; default: {MAX_PIXELS:,}",
+    )  # fmt: skip
+
+
+def read_image(path: str | Path, args: argparse.Namespace) -> npt.NDArray[Any]:
+    """The pixels of a file, as `image.read`, by the options of `add_image_options`."""
+    return read(path, ignore_exif=args.ignore_exif, max_pixels=args.max_pixels)
+
+
+def settings(args: argparse.Namespace) -> dict[str, Any]:
+    """The detection options as `ElfRuntime.trace` takes them.
+
+    Raises
+    ------
+    UsageError
+        On a --set of an unknown name, or of one that has an option which is given too.
+    """
+    own_options = ("max_keypoints", "threshold", "nms_radius", "border", "grid", "preset", "scale", "descriptor")
+    given = {name: getattr(args, name) for name in own_options}
+    for name, _ in args.set:
+        if name not in SETTINGS:
+            raise UsageError(f"--set: unknown setting {name!r}; known are {', '.join(SETTINGS)}")
+        if given.get(name) is not None:
+            raise UsageError(f"--set {name}: --{name.replace('_', '-')} is given too; leave one of them out")
+    return given | dict(args.set)
+
+
+def params(elf: ElfRuntime, args: argparse.Namespace) -> DetectionParams:
+    """What the detection options amount to.
+
+    Raises
+    ------
+    UsageError, SettingError
+        See `settings`; a value out of range.
+    """
+    given = settings(args)
+    return elf.params(given.pop("preset"), **{name: value for name, value in given.items() if name != "descriptor"})
+
+
+def origin(elf: ElfRuntime, args: argparse.Namespace) -> dict[str, Any]:
+    """Which model, provider and settings results come from, as plain data."""
+    contract = elf.contract
+    spec = contract.descriptor(args.descriptor)
+    return {
+        "model": args.model or "bundled",
+        "model_sha256": elf.sha256,
+        "network": contract.network,
+        "layer": contract.layer,
+        "descriptor": spec.layer if spec else None,
+        "provider": elf.providers[0],
+        "settings": params(elf, args).to_dict(),
+    }
+
+
+def open_runtime(args: argparse.Namespace) -> ElfRuntime:
+    """The model of the options, with detection settings checked before the first image is read."""
+    elf = ElfRuntime(args.model, providers=args.provider, threads=args.threads)
+    params(elf, args)
+    elf.contract.descriptor(args.descriptor)
+    return elf
+
+
+def positive(text: str) -> int:
+    """An argparse type: an integer of at least 1."""
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{value} is not at least 1")
+    return value
+
+
+def setting(text: str) -> tuple[str, Any]:
+    """An argparse type: ``NAME=VALUE``, as `parse_setting`."""
+    try:
+        return parse_setting(text)
+    except SettingError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def grid(text: str) -> Any:
+    """An argparse type: ``4x6``, rows and columns; whether they are is checked with the other settings."""
+    return parse_value(text.replace("x", ","))

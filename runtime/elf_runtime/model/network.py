@@ -1,0 +1,109 @@
+"""An ELF model that is open: its contract, and runs of its graph that are held against it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from elf_runtime.contract import DescriptorSpec, ModelContract
+from elf_runtime.errors import ElfError, first_line
+
+from .bundled import read_bundled
+from .outputs import check_map, check_saliency
+from .providers import Provider, is_cpu, resolve_providers
+from .sessions import Sessions
+
+Array = npt.NDArray[np.float32]
+
+
+class Network:
+    """One model, opened and checked.
+
+    Parameters
+    ----------
+    model : (bytes, name), optional
+        As `read_model` gives it; None is the bundled model that suits the provider.
+    options : mapping
+        ``providers``, ``threads``, ``spin`` and ``fallback``, as `open_session` takes them.
+    sizes : int
+        See `Sessions`.
+
+    Raises
+    ------
+    ModelError, ContractError, ProviderError
+
+    Attributes
+    ----------
+    name : str
+        The model's name for messages.
+    contract : ModelContract
+    sessions : Sessions
+
+    Notes
+    -----
+    Copied or pickled, it opens its model again, in any process: what is kept of it is the model's bytes, unless it is
+    the bundled one, and the options.
+    """
+
+    def __init__(self, model: tuple[bytes, str] | None, options: Mapping[str, Any], sizes: int) -> None:
+        self.given = (model, options, sizes)
+        providers = resolve_providers(options["providers"], options["fallback"])
+        self._open(providers)
+        if is_cpu(self.sessions.providers) and not is_cpu(providers):
+            # Installed, but it did not start, and need not be tried again for each size.
+            self._open(["CPUExecutionProvider"])
+        self.contract = ModelContract.from_metadata(self.sessions.metadata, self.name)
+        self.contract.check_tensors(self.sessions.inputs, self.sessions.outputs, self.name)
+
+    def _open(self, providers: list[Provider]) -> None:
+        model, options, sizes = self.given
+        # Integers are for CPUs: other providers would convolve in floats, with roundings in between.
+        data, self.name = model or read_bundled("int8" if is_cpu(providers) else "fp32")
+        self.sessions = Sessions(data, self.name, {**options, "providers": providers}, sizes)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Network, self.given
+
+    def run(self, images: Sequence[Array], spec: DescriptorSpec | None, saliency: bool = True) -> dict[str, Array]:
+        """The outputs for N images, by name: the saliency, (N, h, w), and a descriptor map, (N, h', w', D).
+
+        Parameters
+        ----------
+        images : sequence of (h, w, C) arrays, of one size
+        spec : DescriptorSpec, optional
+            Which descriptor; None computes none.
+        saliency : bool
+            Whether to compute it.
+
+        Raises
+        ------
+        ModelError
+            If they are not what the contract says.
+        ElfError
+            If ONNX Runtime fails.
+        """
+        names = self._outputs(spec, saliency)
+        pixels = np.stack(images) if len(images) > 1 else images[0][None]  # one alone is not copied: it may be large
+        session, options = self.sessions.get(names, pixels.shape[:3])
+        try:
+            values = session.run(names, {self.contract.input.name: pixels}, options)
+        except Exception as error:  # onnxruntime's own exceptions share no base of theirs
+            why = first_line(error)
+            raise ElfError(f"{self.name}: the network failed on a {pixels.shape} input: {why}") from error
+        found = dict(zip(names, values, strict=True))
+        shape = (pixels.shape[0], pixels.shape[1], pixels.shape[2])
+        if saliency:
+            check_saliency(found[self.contract.saliency_output], shape, self.name)
+        if spec is not None:
+            check_map(found[spec.output], spec, shape, self.name)
+        return found
+
+    def expect(self, size: tuple[int, int], spec: DescriptorSpec | None) -> None:
+        """Open the session for single images of this working size (h, w), which are to come."""
+        self.sessions.get(self._outputs(spec), (1, *size), expected=True)
+
+    def _outputs(self, spec: DescriptorSpec | None, saliency: bool = True) -> list[str]:
+        return [self.contract.saliency_output] * saliency + ([spec.output] if spec is not None else [])

@@ -1,0 +1,55 @@
+"""A detection with what led to it, and how long each stage took."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from .features import Array, Features
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A detection with what led to it, at the working size (h, w).
+
+    Attributes
+    ----------
+    features : Features
+    saliency : (h, w) float32
+        S(I), as the graph gives it.
+    scores : (h, w) float32
+        The denoised saliency whose maxima the keypoints are.
+    mask : (h, w) bool
+        What passed the threshold (and the user's mask).
+    seconds : dict
+        Time of each stage: read, prepare, session, blur, threshold, nms, descriptors.
+    """
+
+    features: Features
+    saliency: Array
+    scores: Array
+    mask: npt.NDArray[np.bool_]
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        (h, w), share = self.saliency.shape, float(self.mask.mean()) if self.mask.size else 0.0
+        time = f"{1e3 * sum(self.seconds.values()):.1f} ms"
+        return f"Trace({self.features!r}, saliency {w}x{h}, {share:.1%} passed, {time})"
+
+
+class Stopwatch:
+    """Adds up the wall time of named stages."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start

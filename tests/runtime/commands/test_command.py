@@ -1,0 +1,97 @@
+"""What all commands share: errors, for people and, where JSON is asked for, for programs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from elf_runtime.commands import bench, detect, info, match
+from helpers import TINY, textured
+
+COMMANDS = {"elf-detect": detect, "elf-match": match, "elf-bench": bench, "elf-info": info}
+ON_STDOUT = {name: ["--json"] if name == "elf-info" else ["--json", "-"] for name in COMMANDS}
+
+
+def words(name: str, folder: Path, model: str) -> list[str]:
+    image = str(folder / "a.png")
+    given = {
+        "elf-detect": [image, "-o", str(folder / "out"), "--model", model],
+        "elf-match": [image, image, "--model", model],
+        "elf-bench": ["--sizes", "48x64", "--peers", "none", "--model", model],
+        "elf-info": [model],
+    }
+    return given[name]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    import cv2
+
+    cv2.imwrite(str(tmp_path / "a.png"), textured(48, 64))
+    (tmp_path / "none.onnx").write_text("no model")
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("as_json", [False, True])
+def test_a_failure_is_json_too_where_json_is_asked_for(
+    name: str, as_json: bool, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = str(folder / "none.onnx")
+    assert COMMANDS[name].main([*words(name, folder, model), *(ON_STDOUT[name] if as_json else [])]) == 1
+    captured = capsys.readouterr()
+    assert captured.err.startswith(f"{name}: error: {model}: not an ONNX model")
+    reason = captured.err.partition("error: ")[2].rstrip("\n")
+    assert captured.out == "" if not as_json else json.loads(captured.out) == {"error": reason}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_wrong_command_line_is_json_too(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = [*words(name, folder, str(TINY)), *ON_STDOUT[name]]
+    with pytest.raises(SystemExit) as stopped:
+        COMMANDS[name].main([*given, "--nonsense"])
+    assert stopped.value.code == 2
+    captured = capsys.readouterr()
+    assert "usage: " in captured.err
+    assert json.loads(captured.out) == {"error": "unrecognized arguments: --nonsense"}
+    wrong = {"elf-info": ["--option", "x=1"], "elf-bench": ["--peers", "magic"]}
+    assert COMMANDS[name].main([*given, *wrong.get(name, ["--set", "speed=1"])]) == 2
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["error"] == captured.err.partition("error: ")[2].rstrip("\n")
+
+
+def test_a_file_that_json_goes_into_is_left_alone(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    summary = folder / "summary.json"
+    summary.write_text("of an earlier run")
+    given = words("elf-match", folder, str(folder / "none.onnx"))
+    assert match.main([*given, "--json", str(summary)]) == 1
+    assert capsys.readouterr().out == ""
+    assert summary.read_text() == "of an earlier run"
+
+
+def test_an_interruption_is_json_too(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("elf_runtime.commands.match.match", interrupted)
+    assert match.main([*words("elf-match", folder, str(TINY)), "--json=-"]) == 130
+    captured = capsys.readouterr()
+    assert json.loads(captured.out) == {"error": "interrupted"}
+    assert captured.err == "\nelf-match: interrupted\n"
+
+
+def test_what_elf_info_can_say_of_a_foreign_model_comes_with_the_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    foreign = tmp_path / "foreign.onnx"
+    foreign.write_bytes(TINY.read_bytes().replace(b"elf.", b"alf."))
+    assert info.main([str(foreign), "--json"]) == 1
+    captured = capsys.readouterr()
+    report = json.loads(captured.out)
+    assert report["graph"]["ops"]["MaxPool"] == 1
+    assert report["error"].startswith(f"{foreign}: not an ELF model")
+    assert f"elf-info: error: {report['error']}" in captured.err
