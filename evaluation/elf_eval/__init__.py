@@ -1,6 +1,7 @@
 """Evaluation of keypoint detectors and descriptors: the ELF paper's protocol, and what is used today.
 
-datasets -> methods -> extraction -> pair_metrics -> runner -> results -> report, compare, sweep.
+data -> methods -> metrics -> suite -> run -> bench -> report -> command.  Each room may import those before it, and
+the modules beside this file.  There is no public Python API: use the `elf-eval` command.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The one error that the evaluation raises on purpose, and the system's in the same words."""
+"""The one error that the evaluation raises on purpose, and the system's errors in the same words."""
 
 from __future__ import annotations
 

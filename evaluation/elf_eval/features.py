@@ -1,13 +1,15 @@
-"""What a method gives for one image."""
+"""Local features: what a method finds in one image."""
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from .coordinates import Float, Size
 from .errors import EvalError
 
 FloatArray = npt.NDArray[np.float32]
@@ -20,15 +22,15 @@ class LocalFeatures:
     Attributes
     ----------
     keypoints : (N, 2) float32
-        (x, y) in pixels of the image as evaluated; integer = pixel centre.
+        (x, y) in pixels of the image as it was evaluated; an integer is a pixel's centre.
     scores : (N,) float32
         Descending.
     descriptors : (N, D) float32, or (N, bytes) uint8
-        Compared by L2 distance where float, by Hamming distance where uint8.  D = 0: a detector alone.
+        Floats are compared by L2 distance, uint8 by Hamming distance.  D = 0: the method only detects.
     sizes : (N,) float32
-        Diameter of the keypoint's neighbourhood in pixels, as in ``cv2.KeyPoint``.
+        Diameters of the keypoints' neighbourhoods in pixels, as in ``cv2.KeyPoint``.
     angles : (N,) float32
-        Orientation in degrees, as in ``cv2.KeyPoint``; -1 where the detector gives none.
+        Orientations in degrees, as in ``cv2.KeyPoint``; -1 where the detector gives none.
     """
 
     keypoints: FloatArray
@@ -67,29 +69,50 @@ class LocalFeatures:
         for name, values in (("keypoint", points), ("score", score), ("descriptor", desc)):
             if not np.isfinite(values).all():
                 raise EvalError(f"a {name} is NaN or infinite")
-        order = np.argsort(-score, kind="stable")
-        return cls(
-            points[order],
-            score[order],
-            desc[order],
-            np.broadcast_to(np.asarray(sizes, np.float32), n)[order],
-            np.broadcast_to(np.asarray(angles, np.float32), n)[order],
-        )
+        size, angle = (np.broadcast_to(np.asarray(values, np.float32), n) for values in (sizes, angles))
+        return cls(points, score, desc, size, angle).take(np.argsort(-score, kind="stable"))
 
     def take(self, index: Any) -> LocalFeatures:
         """The features at `index` (integers, a mask or a slice), in that order."""
-        return LocalFeatures(
-            self.keypoints[index],
-            self.scores[index],
-            self.descriptors[index],
-            self.sizes[index],
-            self.angles[index],
-        )
+        return LocalFeatures(*(array[index] for array in vars(self).values()))
 
-    def first(self, count: int | None) -> LocalFeatures:
-        """The `count` strongest; all where `count` is None."""
-        return self if count is None or count >= len(self) else self.take(slice(count))
+    def first(self, count: int) -> LocalFeatures:
+        """The `count` strongest."""
+        return self.take(slice(count))
 
     def described(self, descriptors: npt.NDArray[Any]) -> LocalFeatures:
         """The same keypoints with other descriptors."""
         return replace(self, descriptors=descriptors)
+
+
+@dataclass(frozen=True)
+class ImageFeatures:
+    """The features of an image, with all that their metrics need of the image itself.
+
+    Attributes
+    ----------
+    features : LocalFeatures
+    size : (width, height)
+        Of the working image.
+    to_working : (3, 3)
+        Pixels of the file -> pixels of the working image.
+    seconds : float
+        How long the extraction took when it was done, without decoding the image.
+    """
+
+    features: LocalFeatures
+    size: Size
+    to_working: Float
+    seconds: float
+
+    def first(self, count: int) -> ImageFeatures:
+        """With the `count` strongest features alone."""
+        return replace(self, features=self.features.first(count))
+
+    def digest(self) -> str:
+        """SHA-256 of all but the time."""
+        sha = hashlib.sha256(repr(self.size).encode())
+        for array in (*vars(self.features).values(), self.to_working):
+            sha.update(f"{array.dtype}{array.shape}".encode())
+            sha.update(np.ascontiguousarray(array).tobytes())
+        return sha.hexdigest()

@@ -10,15 +10,20 @@ import cv2
 
 from elf_runtime.plain import read_dataclass
 
+from .coordinates import Size
 from .errors import EvalError
-from .geometry import Size
 
 
 @dataclass(frozen=True)
 class Ransac:
-    """Robust estimation by OpenCV; the settings stand by name in every result.
+    """Settings of OpenCV's robust estimation; every result states them.
 
-    `estimator` is a cv2 constant ("RANSAC", "USAC_MAGSAC", ...), `threshold` is in pixels.
+    Attributes
+    ----------
+    estimator : str
+        Name of a cv2 constant, "RANSAC", "USAC_MAGSAC" ...
+    threshold : float
+        Pixels.
     """
 
     estimator: str = "USAC_MAGSAC"
@@ -42,17 +47,17 @@ class Protocol:
     Attributes
     ----------
     size : (width, height) or None
-        Every image is resized to it, bilinear; None leaves images as they are.
+        Every image is resized to it by a bilinear filter; None leaves images as they are.
     max_keypoints : int
-        The strongest that many of each image.
+        Of each image, at most this many: the strongest.
     eps : float
-        Pixels within which a keypoint counts as repeated.
+        A keypoint is repeated if it is found again within so many pixels.
     counts : tuple of "own" and "equal"
-        "own": up to `max_keypoints`, however many a method finds.  "equal": of each image, every method keeps
-        as many as the method that found the fewest there.
+        "own": what the method finds, up to `max_keypoints`.  "equal": of each image, every method keeps as many as
+        the method that found the fewest there.
     count_floor : int
-        Equal counts are at least this: one method that finds next to nothing does not decide for all.  A method that
-        finds fewer keeps what it has.
+        Equal counts are at least this, so that one method which finds next to nothing does not decide for all.  A
+        method that finds fewer keeps what it has.
     homography, pose : Ransac
     """
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -27,7 +26,9 @@ class Spec:
     kind, argument : str
         Before and after the first colon; the argument may be empty.
     options : dict of str
-        What is left to take: `finish` complains about the rest, so that no setting is dropped in silence.
+        Those that nobody has taken yet.  `finish` refuses what is left, so no setting is dropped in silence.
+    known : list of str
+        Names of the options that were asked for.
     """
 
     text: str
@@ -38,7 +39,7 @@ class Spec:
 
     @classmethod
     def parse(cls, text: str) -> Spec:
-        """Raises EvalError where an option is not ``name=value``."""
+        """Split a text.  Raises EvalError where an option is not ``name=value``."""
         head, _, tail = text.partition("?")
         kind, _, argument = head.partition(":")
         options: dict[str, str] = {}
@@ -72,7 +73,7 @@ class Spec:
         return {name: value for name, value in changes.items() if value is not None}
 
     def finish(self) -> None:
-        """Raises EvalError where an option was not taken by anyone."""
+        """Raises EvalError where nobody has taken an option."""
         if self.options:
             raise EvalError(f"{self.text}: unknown options {sorted(self.options)}; known are {sorted(self.known)}")
 
@@ -91,7 +92,7 @@ class Spec:
         return path
 
 
-def names(text: str) -> list[str]:
+def comma_separated(text: str) -> list[str]:
     """``a,b`` -> ["a", "b"]; none in an empty text."""
     return [name for name in text.split(",") if name]
 
@@ -101,12 +102,3 @@ def boolean(text: str) -> bool:
     if text not in ("true", "false"):
         raise ValueError("expected true or false")
     return text == "true"
-
-
-def file_digest(path: Path) -> str:
-    """SHA-256 of a file's bytes."""
-    sha = hashlib.sha256()
-    with open(path, "rb") as file:
-        while block := file.read(1 << 20):
-            sha.update(block)
-    return sha.hexdigest()

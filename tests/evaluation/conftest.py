@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from elf_eval.run import jobs
+from elf_eval.run.evaluation import evaluate_pair
 
 sys.path.insert(0, str(Path(__file__).parent))
 from scenes import photograph, write_hpatches
@@ -48,7 +48,7 @@ def photo_file(tmp_path) -> Path:
 @pytest.fixture
 def interrupted_at(monkeypatch):
     """Given n, lets Ctrl-C come with the n-th pair that is evaluated, once; returns the list of those begun."""
-    work = jobs.run_pair
+    work = evaluate_pair
 
     def at(count: int) -> list[object]:
         begun: list[object] = []
@@ -59,7 +59,7 @@ def interrupted_at(monkeypatch):
                 raise KeyboardInterrupt
             return work(job)
 
-        monkeypatch.setattr("elf_eval.run.runner.run_pair", run_pair)
+        monkeypatch.setattr("elf_eval.run.runner.evaluate_pair", run_pair)
         return begun
 
     return at

@@ -7,6 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from elf_eval.protocol import Protocol
+
 SIZE = (200, 160)  # width, height
 
 
@@ -38,3 +40,42 @@ def write_hpatches(root: Path, scenes: list[str]) -> None:
         cv2.imwrite(str(folder / "3.png"), cv2.warpPerspective(first, matrix, SIZE))
         np.savetxt(folder / "H_1_2", np.eye(3))
         np.savetxt(folder / "H_1_3", matrix)
+
+
+WORKING = (160, 120)
+
+
+def between(pair, size=WORKING):
+    return pair.truth.at(pair.first.open(size).to_working, pair.second.open(size).to_working)
+
+
+def write_strecha(folder, depth):
+    """A wall 5 units in front of two cameras, the second one unit to the right."""
+    folder.mkdir()
+    for n in range(2):
+        cv2.imwrite(str(folder / f"000{n}.png"), photograph(n))
+        camera = f"100 0 99.5\n0 100 79.5\n0 0 1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n{n} 0 0\n{SIZE[0]} {SIZE[1]}\n"
+        (folder / f"000{n}.png.camera").write_text(camera)
+        if depth:
+            np.save(folder / f"000{n}.depth.npy", np.full((SIZE[1], SIZE[0]), 5.0, np.float32))
+
+
+def pairs_line(turns=0):
+    k = "100 0 99.5 0 100 79.5 0 0 1"
+    return f"a.png b.png {turns} 0 {k} {k} 1 0 0 1 0 1 0 0 0 0 1 0 0 0 0 1\n"
+
+
+def check(found, size=SIZE):
+    """What every method promises."""
+    assert (np.diff(found.scores) <= 0).all()
+    assert found.keypoints.dtype == np.float32
+    assert (found.keypoints >= -0.5).all()
+    assert (found.keypoints < np.array(size)).all()
+    assert len(found.descriptors) == len(found)
+
+
+def same(a, b):
+    return [vars(p) for p in a.pairs] == [vars(p) for p in b.pairs]
+
+
+SMALL = Protocol(size=(160, 120), max_keypoints=60)

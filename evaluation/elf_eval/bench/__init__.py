@@ -1,4 +1,5 @@
-"""What a method costs: its time, measured alone and interleaved with others', beside its figures.
+"""What a matching score costs: the time of every method of a suite, beside its figures of a run.
 
-May import all but `command`.
+Each method runs in a process of its own, and all take turns.  `elf-bench`, which times one model, is the runtime's.
+May import `run` and what that may import.
 """

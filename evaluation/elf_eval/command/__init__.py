@@ -1,1 +1,4 @@
-"""`elf-eval`: the command line."""
+"""`elf-eval`: a module for each subcommand, with its options and what it does.
+
+May import every other room; none imports this one.
+"""

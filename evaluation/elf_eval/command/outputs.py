@@ -1,4 +1,4 @@
-"""The folder that a command writes into: asked for before the work, named after it."""
+"""The folder that a command writes into: checked before the work, named after it."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from elf_runtime.files.write import existing, unwritable
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse a folder that is none, or that nothing can be written into; one that is missing is not made yet."""
+    """Refuse a path that is not a folder or can't be written into.  A missing folder is not made yet."""
     if reason := unwritable(existing(folder)):
         raise EvalError(reason)
 
 
 def say_written(folder: Path, names: Iterable[str]) -> None:
-    """Name what was written, on stderr."""
+    """Name on stderr what was written."""
     print(f"written: {folder}/{', '.join(names)}", file=sys.stderr)

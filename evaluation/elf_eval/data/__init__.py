@@ -1,8 +1,12 @@
-"""Datasets by their folder layout; nothing is downloaded."""
+"""Datasets by the layout of their folders: pairs of images, and what is known between them.
+
+A new one is a function ``Spec -> Dataset`` in a file of its own and a row of `kinds.DATASETS`.  Nothing is downloaded.
+May import the modules beside the rooms alone.
+"""
 
 from __future__ import annotations
 
-from .base import Dataset, Pair
-from .registry import DATASETS, open_dataset
+from .dataset import Dataset, Pair
+from .kinds import DATASETS, open_dataset
 
 __all__ = ["DATASETS", "Dataset", "Pair", "open_dataset"]

@@ -1,7 +1,7 @@
 """Sets made from single images: rotation, scale, random homographies.
 
-The views are made from the resized image, on the same canvas, by `warp_image`: the same bits everywhere.
-In pixels of the file the two images of a pair are the same, so the ground truth there is the identity.
+`warp_image` makes the views from the resized image, on the same canvas and with the same bits everywhere.  In pixels
+of the file the two images of a pair are the same, so the ground truth there is the identity.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from elf_eval.errors import EvalError
-from elf_eval.spec import Spec, names
+from elf_eval.spec import Spec, comma_separated
 
-from .base import Dataset, Pair
+from .dataset import Dataset, Pair
 from .files import images_in
 from .hpatches import reference, scene_folders
 from .images import ImageRef
@@ -25,18 +25,19 @@ FACTORS: tuple[float, ...] = (1.25, 1.5, 1.75, 2.0)
 
 
 def rotation(spec: Spec) -> Dataset:
-    """``rotation:FOLDER`` in HPatches' layout: image 1 of each scene against itself, turned by ``angles=A,B,...``
-    degrees, `ANGLES` by default.
+    """``rotation:FOLDER`` in HPatches' layout: image 1 of each scene against itself, turned.
 
-    0 is the image itself: it raises the mean over the angles.
+    Option ``angles=A,B,...`` in degrees, by default `ANGLES`.  0 is the image itself, which raises the mean.
     """
     angles = spec.take("angles", _numbers, ANGLES)
     return _from_references(spec, "rotation (degrees)", [(angle, Rotation(angle)) for angle in angles])
 
 
 def scale(spec: Spec) -> Dataset:
-    """``scale:FOLDER`` in HPatches' layout: image 1 of each scene against itself, zoomed in by ``factors=A,B,...``,
-    `FACTORS` by default."""
+    """``scale:FOLDER`` in HPatches' layout: image 1 of each scene against itself, zoomed in.
+
+    Option ``factors=A,B,...``, by default `FACTORS`.
+    """
     factors = spec.take("factors", _numbers, FACTORS)
     if min(factors) <= 0.0:
         raise EvalError(f"{spec.text}: option factors: a factor is above 0")
@@ -52,7 +53,7 @@ def _numbers(text: str) -> tuple[float, ...]:
 
 def _from_references(spec: Spec, parameter: str, views: Sequence[tuple[float, View]]) -> Dataset:
     part = spec.take("part", str, "")
-    wanted = names(spec.take("scenes", str, ""))
+    wanted = comma_separated(spec.take("scenes", str, ""))
     pairs = []
     for folder in scene_folders(spec, part, wanted):
         first = replace(reference(folder), exact=True)

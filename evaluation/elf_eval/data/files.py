@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
+from elf_eval.coordinates import Float
 from elf_eval.errors import EvalError
-from elf_eval.geometry import Float
 
 from .images import IMAGE_ENDINGS
 from .truth import Homography
 
 
 def is_image(path: Path) -> bool:
-    """Whether the ending is an image's; hidden files are not."""
+    """Whether a file's ending is an image's; hidden files don't count."""
     return path.suffix.lower() in IMAGE_ENDINGS and not path.name.startswith(".")
 
 
@@ -70,7 +70,7 @@ def read_matrix(path: Path, shape: tuple[int, int]) -> Float:
     Raises
     ------
     EvalError
-        If the file is missing, is no numbers, or too many or few or not finite ones.
+        If the file is missing, or does not hold that many finite numbers.
     """
     try:
         numbers = np.array(path.read_text().split(), np.float64)
@@ -89,7 +89,7 @@ def read_homography(path: Path) -> Homography:
     Raises
     ------
     EvalError
-        As `read_matrix`; also if the matrix is singular.
+        As in `read_matrix`; also if the matrix is singular.
     """
     matrix = read_matrix(path, (3, 3))
     if matrix[2, 2] == 0.0 or abs(np.linalg.det(matrix / matrix[2, 2])) < 1e-12:

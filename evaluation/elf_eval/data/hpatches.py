@@ -9,9 +9,9 @@ import re
 from pathlib import Path
 
 from elf_eval.errors import EvalError
-from elf_eval.spec import Spec, boolean, names
+from elf_eval.spec import Spec, boolean, comma_separated
 
-from .base import Dataset, Pair
+from .dataset import Dataset, Pair
 from .files import folders_in, only_image, read_homography
 from .images import ImageRef
 
@@ -33,7 +33,7 @@ USUALLY_DROPPED = frozenset(
 def hpatches(spec: Spec) -> Dataset:
     """``hpatches:FOLDER``; options ``part=i`` or ``v``, ``scenes=a,b``, ``drop8=true``."""
     part = spec.take("part", str, "")
-    wanted = names(spec.take("scenes", str, ""))
+    wanted = comma_separated(spec.take("scenes", str, ""))
     drop = spec.take("drop8", boolean, False)
     pairs: list[Pair] = []
     for folder in scene_folders(spec, part, wanted):

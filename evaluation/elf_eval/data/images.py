@@ -1,4 +1,4 @@
-"""From a file to the pixels that are evaluated, with the matrix that leads from one to the other."""
+"""From an image file to the pixels that are evaluated, and the matrix between the two."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from elf_eval.coordinates import Float, Size, resize_matrix
 from elf_eval.errors import EvalError
-from elf_eval.geometry import Float, Size, resize_matrix
 
 from .views import View, warp_image
 
@@ -25,20 +25,20 @@ PREPARATION = 1
 
 @dataclass(frozen=True)
 class ImageRef:
-    """An image of a dataset: a file, and what is done to it before it is resized or after.
+    """An image of a dataset: a file, and what is done to it before and after it is resized.
 
     Attributes
     ----------
     name : str
-        Unique within its dataset, e.g. ``v_graf/1.png``: how precomputed features are looked up.
+        Unique within its dataset, e.g. ``v_graf/1.png``; precomputed features are looked up by it.
     path : Path
     quarter_turns : int
-        The file is turned so many times by 90 degrees, counter-clockwise, first of all.
+        First of all, the file is turned by so many times 90 degrees, counter-clockwise.
     view : View, optional
         Rotation, zoom or homography of the resized image.
     exact : bool
-        Resize by OpenCV's bit-exact bilinear filter, whose pixels are the same on every machine and version
-        (derived datasets), instead of the usual one, which differs from it by a grey level here and there.
+        Resize by OpenCV's bit-exact bilinear filter (derived datasets), whose pixels are the same on every machine
+        and in every version.  The usual one differs from it by a grey level here and there.
     """
 
     name: str
@@ -48,7 +48,7 @@ class ImageRef:
     exact: bool = False
 
     def digest(self, size: Size | None) -> str:
-        """Identity of the evaluated pixels: of the file's bytes and of all that is done to them."""
+        """Digest of the evaluated pixels: of the file's bytes and of all that is done to them."""
         try:
             data = self.path.read_bytes()
         except OSError as error:
@@ -121,7 +121,7 @@ def read_image(path: Path) -> npt.NDArray[np.uint8]:
     Raises
     ------
     EvalError
-        If the file is missing or no image.
+        If the file is missing or not an image.
     """
     try:
         data: Any = np.fromfile(path, np.uint8)

@@ -17,14 +17,15 @@ from pathlib import Path
 
 import numpy as np
 
+from elf_eval.coordinates import Float, Size
 from elf_eval.errors import EvalError, reason
-from elf_eval.geometry import Float, Size
 from elf_eval.spec import Spec
 
-from .base import Dataset, Pair
+from .dataset import Dataset, Pair
+from .depth import read_depth
 from .files import folders_in, images_in, is_image, scene_name
 from .images import ImageRef, read_image
-from .truth import Calibrated, read_depth
+from .truth import Calibrated
 
 _IMAGES, _CAMERAS = "images", "gt_dense_cameras"  # the publishers' folders
 
@@ -38,10 +39,11 @@ class _View:
 
 
 def strecha(spec: Spec) -> Dataset:
-    """``strecha:FOLDER``; ``pairs=first`` pairs the first image with each other one (the paper's 26 pairs of its
-    three scenes) instead of ``all`` with all; ``step=N`` only images at most N apart.
+    """``strecha:FOLDER``; options ``pairs=first`` and ``step=N``.
 
-    With depth maps the paper's metrics are there too (3D viewpoint); without them, relative pose alone.
+    ``pairs=first`` pairs the first image with each other one (the paper's 26 pairs of its three scenes) instead of
+    all with all.  ``step=N`` takes only images that are at most N apart.  With depth maps the paper's metrics are
+    there too (3D viewpoint); without them, relative pose alone.
 
     Raises
     ------
@@ -80,7 +82,7 @@ def read_camera(path: Path) -> tuple[Float, Float]:
     Raises
     ------
     EvalError
-        If the file is missing, has not 24 or 26 numbers, or its rotation is none.
+        If the file is missing, does not hold 24 or 26 numbers, or its rotation is not one.
     """
     numbers = _camera_numbers(path)
     if numbers[9:12].any():
@@ -95,7 +97,7 @@ def read_camera(path: Path) -> tuple[Float, Float]:
 
 
 def camera_size(path: Path) -> Size | None:
-    """(width, height) of the image that a ``.camera`` file's intrinsics are for; None where it does not say."""
+    """(width, height) of the image that a ``.camera`` file's intrinsics are for; None where the file does not say."""
     numbers = _camera_numbers(path)
     return (int(numbers[24]), int(numbers[25])) if numbers.size == 26 else None
 
@@ -113,7 +115,7 @@ def _camera_numbers(path: Path) -> Float:
 
 
 def _view(scene: Path, image: Path) -> _View:
-    """An image with its camera and depth, whose sizes agree."""
+    """An image with its camera and depth map; refused where their sizes differ."""
     file = _camera_file(scene, image)
     height, width = read_image(image).shape[:2]
     size = camera_size(file)

@@ -1,25 +1,21 @@
-"""Ground truth between two images of a pair, in pixels of their files, and the same at the working size."""
+"""Ground truth between the two images of a pair: in pixels of their files, and at the working size."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from elf_eval.errors import EvalError, reason
-from elf_eval.geometry import Float, warp
+from elf_eval.coordinates import Float, Warp, warp
 
-Warp = Callable[[Float], Float]
+from .depth import read_depth, through_depth
 
 
 @dataclass(frozen=True)
 class Pose:
-    """x2 = rotation x1 + translation, in camera coordinates; cameras map those to working pixels."""
+    """x2 = rotation x1 + translation in camera coordinates, which camera1 and camera2 map to working pixels."""
 
     rotation: Float
     translation: Float
@@ -29,12 +25,12 @@ class Pose:
 
 @dataclass(frozen=True)
 class WorkingTruth:
-    """What is known about a pair at the working size; None is not known.
+    """What is known about a pair at the working size; None where it is not known.
 
     Attributes
     ----------
     forward, backward : callables (N, 2) -> (N, 2), together or neither
-        Where a keypoint of one image lies in the other; NaN where it has no image there.
+        Where a keypoint of one image lies in the other; NaN where it is not seen there.
     homography : (3, 3)
     pose : Pose
     """
@@ -50,7 +46,13 @@ class Truth(ABC):
 
     @abstractmethod
     def at(self, to_working1: Float, to_working2: Float) -> WorkingTruth:
-        """In working pixels; the arguments lead there from each file's pixels."""
+        """The truth in working pixels.
+
+        Parameters
+        ----------
+        to_working1, to_working2 : (3, 3)
+            Each file's pixels -> its working pixels.
+        """
 
     @abstractmethod
     def known(self) -> tuple[str, ...]:
@@ -58,12 +60,12 @@ class Truth(ABC):
 
     @abstractmethod
     def identity(self) -> object:
-        """Plain data that the truth depends on, for the results' cache."""
+        """Plain data that the truth depends on: part of what identifies a pair's metrics."""
 
 
 @dataclass(frozen=True)
 class Homography(Truth):
-    """Of a plane, of a rotating camera or of none at all (the identity).
+    """Of a plane, or of a camera that turns or does not move at all (the identity).
 
     Attributes
     ----------
@@ -129,68 +131,3 @@ class Calibrated(Truth):
     def identity(self) -> object:
         depths = [str(d) if d else None for d in (self.depth1, self.depth2)]
         return ["calibrated", self.intrinsics1, self.intrinsics2, self.transform, depths]
-
-
-# A point whose depth differs from the other image's depth map by more than this share lies behind something.
-OCCLUSION = 0.05
-
-
-def through_depth(
-    points: Float,
-    depth1: npt.NDArray[np.float32],
-    depth2: npt.NDArray[np.float32],
-    k1: Float,
-    k2: Float,
-    transform: Float,
-) -> Float:
-    """Where points of image 1 lie in image 2: x2 ~ K2 (R (z K1^-1 x1) + t).
-
-    Parameters
-    ----------
-    points : (N, 2)
-        Pixels of file 1.
-
-    Returns
-    -------
-    (N, 2) float64
-        Pixels of file 2; NaN where depth 1 is unknown, the point lies behind camera 2, or something stands in
-        front of it there (`OCCLUSION`).
-    """
-    z = _look_up(depth1, points)
-    rays = np.column_stack([points, np.ones(len(points))]) @ np.linalg.inv(k1).T
-    there = (rays * z[:, None]) @ transform[:3, :3].T + transform[:3, 3]
-    image = warp(k2, there[:, :2] / np.where(there[:, 2:] > 0.0, there[:, 2:], np.nan))
-    seen = _look_up(depth2, image)
-    hidden = np.abs(seen - there[:, 2]) > OCCLUSION * there[:, 2]
-    image[hidden] = np.nan
-    return image
-
-
-def _look_up(depth: npt.NDArray[np.float32], points: Float) -> Float:
-    """(N,) depth at the nearest pixel; NaN outside the map or where it is unknown."""
-    height, width = depth.shape
-    known: npt.NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
-    column, row = np.rint(np.where(known[:, None], points, -1.0)).astype(np.int64).T
-    within = known & (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    z = np.full(len(points), np.nan)
-    z[within] = depth[row[within], column[within]]
-    return np.where(z > 0.0, z, np.nan)
-
-
-@lru_cache(maxsize=4)
-def read_depth(path: Path) -> npt.NDArray[np.float32]:
-    """(H, W) of a ``.npy`` file.
-
-    Raises
-    ------
-    EvalError
-        If there is no such array in it.
-    """
-    try:
-        depth = np.load(path, allow_pickle=False)
-    except (OSError, EOFError, ValueError) as error:
-        raise EvalError(f"{path}: not a depth map (.npy): {reason(error)}") from error
-    if not isinstance(depth, np.ndarray) or depth.dtype.kind not in "fiu" or depth.ndim != 2:
-        found = f"{depth.dtype} {depth.shape}" if isinstance(depth, np.ndarray) else "an archive of arrays"
-        raise EvalError(f"{path}: a depth map is numbers of shape (H, W), not {found}")
-    return np.asarray(depth, np.float32)

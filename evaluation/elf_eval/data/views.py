@@ -1,4 +1,4 @@
-"""Synthetic views of an image: rotation, zoom, homography; the same bits on every machine."""
+"""Synthetic views of an image by rotation, zoom or homography, with the same bits on every machine."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from elf_eval.geometry import Float, Size, corners
+from elf_eval.coordinates import Float, Size, corners
 
 
 class View(ABC):
@@ -34,7 +34,7 @@ class Rotation(View):
 
 @dataclass(frozen=True)
 class Zoom(View):
-    """By `factor` about the image's centre, on the same canvas: above 1, the borders go out of sight."""
+    """By `factor` about the image's centre, on the same canvas; above 1 the borders go out of sight."""
 
     factor: float
 
@@ -87,8 +87,8 @@ def _inverse(matrix: Float) -> Float:
 def warp_image(pixels: npt.NDArray[np.uint8], matrix: Float) -> npt.NDArray[np.uint8]:
     """`pixels` seen through a homography: bilinear, black where there is nothing to see.
 
-    In float64 by single IEEE operations and one rounding, half up: the bits do not depend on a library's
-    fixed-point weights or vector instructions, so that a derived dataset can be made again anywhere.
+    Computed in float64 by single IEEE operations and rounded once, half up.  So the bits do not depend on a library's
+    fixed-point weights or vector instructions, and a derived dataset can be made again anywhere.
 
     Parameters
     ----------

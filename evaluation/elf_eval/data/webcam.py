@@ -9,7 +9,7 @@ from pathlib import Path
 
 from elf_eval.spec import Spec
 
-from .base import Dataset, Pair
+from .dataset import Dataset, Pair
 from .files import folders_in, images_in, is_image, scene_name
 from .images import ImageRef
 from .truth import Homography

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import onnxruntime
 
-import elf_runtime
 from elf_eval.data.images import Image
 from elf_eval.errors import EvalError
 from elf_eval.features import LocalFeatures
-from elf_eval.spec import Spec, file_digest
+from elf_eval.fingerprint import code_digest, file_digest
+from elf_eval.spec import Spec
 from elf_runtime import ElfError, ElfRuntime, SettingError
 from elf_runtime.model.bundled import BUNDLED, bundled_model
 
-from .base import Method, code_digest
+from .method import Method
+
+# What leads from pixels to features, for the fingerprint; commands, pictures and checks don't.
+CODE = (
+    *("elf_eval.methods.elf", "elf_eval.features", "elf_runtime.contract", "elf_runtime.params", "elf_runtime.presets"),
+    *("elf_runtime.image", "elf_runtime.model", "elf_runtime.engine", "elf_runtime.detection"),
+    *("elf_runtime.results.features", "elf_runtime.results.trace"),
+)
 
 
 class Elf(Method):
@@ -37,10 +43,9 @@ class Elf(Method):
             self._runtime.contract.descriptor(self._descriptor)
         except (ElfError, SettingError) as error:
             raise EvalError(f"{spec.text}: {error}") from error
-        code = code_digest(*Path(elf_runtime.__file__).parent.rglob("*.py"), __file__)
         self._nms_radius = params.nms_radius
         self.fingerprint = json.dumps(
-            ["elf", file_digest(path), self._descriptor, params.to_dict(), code, onnxruntime.__version__],
+            ["elf", file_digest(path), self._descriptor, params.to_dict(), code_digest(*CODE), onnxruntime.__version__],
             sort_keys=True,
         )
 

@@ -4,26 +4,30 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from pathlib import Path
 from types import MappingProxyType
 
 import cv2
 import numpy as np
 
-import elf_runtime
 from elf_eval.data.images import Image
 from elf_eval.errors import EvalError
 from elf_eval.features import FloatArray, LocalFeatures
+from elf_eval.fingerprint import code_digest
 from elf_eval.spec import Spec
 from elf_runtime import SettingError, preset
 from elf_runtime.detection.nms import greedy_nms
 from elf_runtime.detection.threshold import scores_and_mask
 
-from .base import Method, code_digest
+from .method import Method
 
-# The paper gives none.  A Laplacian of 3x3 answers to single pixels, which the paper's blur of 9x9 washes out:
-# few keypoints are left, and fewer repeat than Sobel's.  From 11x11 on the order is the paper's, Laplacian first
-# (evaluation/README.md has the figures).
+CODE = (
+    *("elf_eval.methods.gradient", "elf_eval.features", "elf_runtime.params", "elf_runtime.presets"),
+    *("elf_runtime.detection.nms", "elf_runtime.detection.threshold"),
+)
+
+# The paper gives no sizes.  A 3x3 Laplacian answers to single pixels, which the paper's blur of 9x9 washes out: few
+# keypoints are left, and fewer repeat than Sobel's.  From 11x11 on the order is the paper's, the Laplacian first.
+# evaluation/README.md has the figures.
 KERNELS: Mapping[str, int] = MappingProxyType({"sobel": 3, "laplacian": 11})
 # The settings that mean something without a model, and without the image beside its saliency.
 SETTINGS = (
@@ -57,9 +61,8 @@ class Gradient(Method):
             raise EvalError(f"{spec.text}: {error}") from error
         if self._params.scale != 1.0:
             raise EvalError(f"{spec.text}: an image gradient works at full resolution, not at scale")
-        code = code_digest(*Path(elf_runtime.__file__).parent.rglob("*.py"), __file__)
         self.fingerprint = json.dumps(
-            [spec.kind, self._kernel, self._params.to_dict(), code, cv2.__version__], sort_keys=True
+            [spec.kind, self._kernel, self._params.to_dict(), code_digest(*CODE), cv2.__version__], sort_keys=True
         )
 
     def extract(self, image: Image, limit: int) -> LocalFeatures:
@@ -75,8 +78,8 @@ class Gradient(Method):
 def gradient_saliency(grey: FloatArray, kind: str, kernel: int | None = None) -> FloatArray:
     """sqrt(gx^2 + gy^2) for ``sobel``, |gxx + gyy| for ``laplacian``, by OpenCV's derivative kernels.
 
-    A kernel of size K smooths by binomials of about K: the Laplacian is that of an image blurred by a Gaussian of
-    sigma = sqrt(K - 2) / 2, 1.5 pixels at the default of 11.
+    A kernel of size K smooths by binomials of about that size.  So the Laplacian is that of an image blurred by a
+    Gaussian of sigma = sqrt(K - 2) / 2: 1.5 pixels at the default of 11.
 
     Parameters
     ----------

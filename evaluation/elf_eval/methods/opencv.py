@@ -11,12 +11,13 @@ import numpy as np
 from elf_eval.data.images import Image
 from elf_eval.errors import EvalError
 from elf_eval.features import LocalFeatures
-from elf_eval.spec import Spec, file_digest
+from elf_eval.fingerprint import code_digest, file_digest
+from elf_eval.spec import Spec
 
-from .base import Method, code_digest
+from .method import Method
 
-# Name in OpenCV, and the argument that sets the number of keypoints, where there is one.  Without it the
-# method finds what its thresholds let through, of which the strongest are kept.
+# Name in OpenCV, and the argument that sets the number of keypoints.  A method without one finds what its thresholds
+# let through, and the strongest of that are kept.
 OPENCV: dict[str, tuple[str, str]] = {
     "sift": ("SIFT", "nfeatures"),
     "orb": ("ORB", "nfeatures"),
@@ -31,7 +32,7 @@ OPENCV: dict[str, tuple[str, str]] = {
     "disk": ("DISK", "maxKeypoints"),
 }
 _NETWORKS = ("aliked", "disk")
-_DETECTORS_ALONE = ("mser", "fast", "gftt")
+_DETECTORS = ("mser", "fast", "gftt")
 
 
 class OpenCv(Method):
@@ -55,7 +56,8 @@ class OpenCv(Method):
         self._made: dict[int, Any] = {}
         self._make(500)
         settings = sorted(self._arguments.items())
-        self.fingerprint = f"opencv {cv2.__version__} {spec.kind} {settings} {model} {code_digest(__file__)}"
+        code = code_digest("elf_eval.methods.opencv", "elf_eval.features")
+        self.fingerprint = f"opencv {cv2.__version__} {spec.kind} {settings} {model} {code}"
 
     def _make(self, limit: int) -> Any:
         if limit not in self._made:
@@ -74,7 +76,7 @@ class OpenCv(Method):
 
     def extract(self, image: Image, limit: int) -> LocalFeatures:
         engine, pixels = self._make(limit), self._input(image)
-        if self._kind in _DETECTORS_ALONE:
+        if self._kind in _DETECTORS:
             keypoints, descriptors = engine.detect(pixels, None), None
         else:
             keypoints, descriptors = engine.detectAndCompute(pixels, None)
@@ -92,10 +94,10 @@ class OpenCv(Method):
         ).first(limit)
 
     def describe(self, image: Image, features: LocalFeatures) -> LocalFeatures:
-        if self._kind in _DETECTORS_ALONE + _NETWORKS:
+        if self._kind in _DETECTORS + _NETWORKS:
             raise EvalError(f"{self._kind} can't describe keypoints of another detector")
         keypoints = [
-            # class_id leads back to the row: OpenCV drops keypoints that are too close to the border.
+            # class_id leads back to the row, because OpenCV drops keypoints that are too close to the border.
             cv2.KeyPoint(float(x), float(y), float(size), max(float(angle), 0.0), float(score), 0, i)
             for i, ((x, y), size, angle, score) in enumerate(
                 zip(features.keypoints, features.sizes, features.angles, features.scores, strict=True)
@@ -109,7 +111,7 @@ class OpenCv(Method):
 
 
 def installed(kind: str) -> bool:
-    """Whether the installed OpenCV has this method, and not by name only, as SURF in most builds."""
+    """Whether the installed OpenCV has this method; most builds have SURF by name only."""
     factory = _find(OPENCV[kind][0])
     if factory is None or kind in _NETWORKS:
         return factory is not None

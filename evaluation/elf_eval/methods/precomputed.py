@@ -1,10 +1,10 @@
-"""Features that another program wrote, so that it can be compared without its code.
+"""Features that another program wrote, so that the program can be compared without its code.
 
 ``npz:FOLDER``  one file an image, D2-Net's style: keypoints (N, 2 or more: x, y, ...), scores (N,) and
                 descriptors (N, D), at FOLDER/<image name><suffix>
 ``h5:FILE``     one group an image, hloc's style: keypoints (N, 2), scores (N,), descriptors (D, N)
 
-The image's name is the dataset's, e.g. ``v_graf/1.png``; ``elf-eval images`` writes the pictures under it.
+The image's name is the dataset's, e.g. ``v_graf/1.png``; ``elf-eval images`` writes the images under it.
 """
 
 from __future__ import annotations
@@ -15,18 +15,20 @@ from typing import Any
 
 import numpy as np
 
+from elf_eval.coordinates import warp
 from elf_eval.data.images import Image
 from elf_eval.errors import EvalError, reason
 from elf_eval.features import LocalFeatures
-from elf_eval.geometry import warp
 from elf_eval.spec import Spec
 
-from .base import Method
+from .method import Method
 
 
 class Precomputed(Method):
-    """Options: ``frame=source`` (keypoints in pixels of the file, the default) or ``working`` (of the image
-    as resized), and for npz ``suffix=.npz``.  Without scores the file's order is the order of strength.
+    """``npz:FOLDER`` or ``h5:FILE``.
+
+    Options: ``frame=source`` (keypoints in pixels of the file, the default) or ``frame=working`` (in pixels of the
+    resized image), and for npz ``suffix=.npz``.  A file without scores lists its strongest keypoints first.
     """
 
     cacheable = False

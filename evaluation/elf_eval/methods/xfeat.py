@@ -1,4 +1,4 @@
-"""XFeat from its public ONNX file: a worked example of a method that brings its own decoding.
+"""XFeat from its public ONNX file: an example of a method that brings its own decoding.
 
 Potje et al., "XFeat: Accelerated Features for Lightweight Image Matching", CVPR 2024, section 3.2.  The graph
 gives, for an image of (H, W), maps of (H / 8, W / 8):
@@ -17,13 +17,14 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime as ort
 
+from elf_eval.coordinates import Float
 from elf_eval.data.images import Image
 from elf_eval.errors import EvalError
 from elf_eval.features import FloatArray, LocalFeatures
-from elf_eval.geometry import Float
-from elf_eval.spec import Spec, file_digest
+from elf_eval.fingerprint import code_digest, file_digest
+from elf_eval.spec import Spec
 
-from .base import Method, code_digest
+from .method import Method
 
 CELL = 8  # pixels
 _MULTIPLE = 32  # the encoder halves the image five times
@@ -51,7 +52,8 @@ class XFeat(Method):
             raise EvalError(f"{path}: not XFeat's graph: outputs {sorted(missing)} are missing")
         self._input = self._session.get_inputs()[0].name
         settings = [self._threshold, self._radius]
-        self.fingerprint = f"xfeat {file_digest(path)} {settings} {ort.__version__} {code_digest(__file__)}"
+        code = code_digest("elf_eval.methods.xfeat", "elf_eval.features")
+        self.fingerprint = f"xfeat {file_digest(path)} {settings} {ort.__version__} {code}"
 
     def extract(self, image: Image, limit: int) -> LocalFeatures:
         descriptors, logits, reliability, ratio = self._run(image)
@@ -70,7 +72,7 @@ class XFeat(Method):
         return features.described(sample_descriptors(descriptors, points))
 
     def _run(self, image: Image) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Descriptors (64, h, w), logits (65, h, w), reliability (h, w), network pixels per pixel."""
+        """Descriptors (64, h, w), logits (65, h, w), reliability (h, w), and network pixels per pixel."""
         width, height = image.size
         size = tuple(max(_MULTIPLE, n // _MULTIPLE * _MULTIPLE) for n in (width, height))
         pixels = image.pixels if size == (width, height) else cv2.resize(image.pixels, size)
@@ -91,7 +93,7 @@ def keypoint_probability(logits: FloatArray) -> FloatArray:
 
 
 def local_maxima(heat: FloatArray, radius: int) -> npt.NDArray[np.bool_]:
-    """(H, W) bool: the highest of its window of 2 radius + 1 pixels."""
+    """(H, W) bool: whether a pixel is the highest of its window of 2 radius + 1 pixels."""
     window = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
     return np.asarray(heat == cv2.dilate(heat, window))
 
@@ -99,7 +101,7 @@ def local_maxima(heat: FloatArray, radius: int) -> npt.NDArray[np.bool_]:
 def sample_cells(maps: FloatArray, points: FloatArray, cubic: bool = False) -> FloatArray:
     """(N, C) values of (C, h, w) maps at (N, 2) pixels; the centre of cell i lies at pixel 8 i + 3.5.
 
-    Bilinear, or bicubic with Keys' kernel (a = -0.75); outside the map its border cells go on.
+    Bilinear, or bicubic with Keys' kernel (a = -0.75); outside the map its border cells are repeated.
     """
     height, width = maps.shape[1:]
     cells = (points.astype(np.float64) + 0.5) / CELL - 0.5

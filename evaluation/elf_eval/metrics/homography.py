@@ -1,4 +1,4 @@
-"""How well the matches give back the homography."""
+"""How well the matches recover the homography."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from elf_eval.geometry import Float, Size, corners, warp
+from elf_eval.coordinates import Float, Size, corners, warp
 from elf_eval.protocol import Ransac
+
+from .auc import auc
+from .family import FeaturePair, MetricFamily, Record, finite
 
 HOMOGRAPHY_THRESHOLDS = (1, 3, 5)  # pixels
 
@@ -42,3 +45,21 @@ def corner_error(estimated: Float | None, truth: Float, size: Size) -> float:
     where = corners(size)
     error = float(np.linalg.norm(warp(estimated, where) - warp(truth, where), axis=1).mean())
     return error if np.isfinite(error) else float("inf")
+
+
+def _measure(pair: FeaturePair) -> Record:
+    assert pair.truth.homography is not None
+    matrix, inliers = estimate_homography(*pair.matched_points, pair.protocol.homography)
+    error = corner_error(matrix, pair.truth.homography, pair.first.size)
+    areas = {f"h_auc@{t}": auc(error, t) for t in HOMOGRAPHY_THRESHOLDS}
+    return {"h_error": finite(error), "h_inliers": int(inliers.sum()), **areas}
+
+
+HOMOGRAPHY = MetricFamily(
+    _measure,
+    counts=("h_inliers",),
+    shares=tuple(f"h_auc@{t}" for t in HOMOGRAPHY_THRESHOLDS),
+    error="h_error",
+    truth="homography",
+    descriptors=True,
+)

@@ -1,4 +1,4 @@
-"""Descriptor distances, mutual nearest neighbours, mean matching accuracy."""
+"""Matches: descriptor distances and mutual nearest neighbours."""
 
 from __future__ import annotations
 
@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from elf_eval.coordinates import Float
 from elf_eval.errors import EvalError
-from elf_eval.geometry import Float
 from elf_runtime.checks.greedy import Pairs
-
-MMA_THRESHOLDS = tuple(range(1, 11))  # pixels
 
 
 def descriptor_distances(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> Float:
@@ -42,21 +40,3 @@ def mutual_nearest(distance: Float) -> Pairs:
     rows = np.arange(distance.shape[0])
     keep = to_row[to_column] == rows
     return np.stack([rows[keep], to_column[keep]], axis=1)
-
-
-def mean_matching_accuracy(errors: Float) -> list[float]:
-    """Share of the matches within 1, 2, ..., 10 pixels.
-
-    Parameters
-    ----------
-    errors : (K,) float64
-        Pixels between each match's warped first point and its second; NaN (no ground truth) is left out.
-
-    Returns
-    -------
-    list of 10 floats in [0, 1], all 0 where there is no match
-    """
-    known = errors[~np.isnan(errors)]
-    if known.size == 0:
-        return [0.0] * len(MMA_THRESHOLDS)
-    return [float((known <= t).mean()) for t in MMA_THRESHOLDS]

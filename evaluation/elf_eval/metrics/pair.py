@@ -4,32 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from elf_eval.data.truth import Truth, Warp, WorkingTruth
+from elf_eval.coordinates import Float, Size, Warp, inside, warp
+from elf_eval.data.truth import Truth
 from elf_eval.errors import EvalError
-from elf_eval.geometry import Float, Size, inside, warp
+from elf_eval.features import ImageFeatures
 from elf_eval.protocol import Protocol
-from elf_eval.run.cache import Extracted
 
-from . import (
-    auc,
-    corner_error,
-    covisible,
-    descriptor_distances,
-    estimate_homography,
-    estimate_pose,
-    mean_matching_accuracy,
-    mutual_nearest,
-    pose_error,
-    repeatability_and_matching_score,
+from .families import FAMILIES
+from .family import FeaturePair, Record
+
+# All that the metrics of a pair depend on, beside features and settings; for `fingerprint.code_digest`.
+CODE = (
+    *sorted({family.measure.__module__ for family in FAMILIES}),
+    *(f"elf_eval.metrics.{name}" for name in ("pair", "families", "family", "matching", "auc")),
+    *("elf_eval.coordinates", "elf_eval.data.truth", "elf_eval.data.depth", "elf_eval.features"),
+    *("elf_runtime.checks.greedy", "elf_runtime.checks.repeatability"),
 )
-from .homography import HOMOGRAPHY_THRESHOLDS
-from .matching import MMA_THRESHOLDS
-from .pose import POSE_THRESHOLDS
-
-Record = dict[str, float | None]
 
 
-def pair_metrics(first: Extracted, second: Extracted, truth: Truth, protocol: Protocol) -> Record:
+def pair_metrics(first: ImageFeatures, second: ImageFeatures, truth: Truth, protocol: Protocol) -> Record:
     """What can be measured on a pair, by name; what its ground truth or the features don't allow is absent.
 
     ====================  =========================================================================
@@ -51,48 +44,27 @@ def pair_metrics(first: Extracted, second: Extracted, truth: Truth, protocol: Pr
     EvalError
         If a homography sends no point of image 1 into image 2, or a camera's principal point lies outside its image.
     """
-    a, b = first.features, second.features
-    known = truth.at(first.to_working, second.to_working)
-    if known.pose is not None:
-        _check_camera(known.pose.camera1, first, "first")
-        _check_camera(known.pose.camera2, second, "second")
-    described = a.descriptors.shape[1] and b.descriptors.shape[1]  # a (0, D) array is: nothing found
-    distance = descriptor_distances(a.descriptors, b.descriptors) if described else None
-    record: Record = {"n1": len(a), "n2": len(b)}
-    if known.forward is not None and known.backward is not None:
-        if known.homography is not None:
-            _check_overlap(known.forward, first.size, second.size)
-        seen = covisible(a.keypoints, b.keypoints, known.forward, known.backward, first.size, second.size)
-        of_seen = None if distance is None else distance[np.ix_(seen.first, seen.second)]
-        rep, ms, _ = repeatability_and_matching_score(seen, of_seen, protocol.eps)
-        record |= {"seen1": len(seen.first), "seen2": len(seen.second), "rep": rep}
-        if ms is not None:
-            record["ms"] = ms
-    if distance is not None:
-        matches = mutual_nearest(distance)
-        p1 = a.keypoints[matches[:, 0]].astype(np.float64)
-        p2 = b.keypoints[matches[:, 1]].astype(np.float64)
-        record["matches"] = len(matches)
-        if known.forward is not None:
-            accuracy = mean_matching_accuracy(np.linalg.norm(known.forward(p1) - p2, axis=1))
-            record |= {f"mma@{t}": value for t, value in zip(MMA_THRESHOLDS, accuracy, strict=True)}
-        record |= _estimates(p1, p2, known, first.size, protocol)
-    return record
-
-
-def _estimates(p1: Float, p2: Float, known: WorkingTruth, size: Size, protocol: Protocol) -> Record:
+    pair = FeaturePair(first, second, truth.at(first.to_working, second.to_working), protocol)
+    _check_truth(pair)
     record: Record = {}
-    if known.homography is not None:
-        matrix, inliers = estimate_homography(p1, p2, protocol.homography)
-        error = corner_error(matrix, known.homography, size)
-        record |= {"h_error": _finite(error), "h_inliers": int(inliers.sum())}
-        record |= {f"h_auc@{t}": auc(error, t) for t in HOMOGRAPHY_THRESHOLDS}
-    if known.pose is not None:
-        pose, inliers = estimate_pose(p1, p2, known.pose.camera1, known.pose.camera2, protocol.pose)
-        error = pose_error(pose, known.pose.rotation, known.pose.translation)
-        record |= {"pose_error": _finite(error), "pose_inliers": int(inliers.sum())}
-        record |= {f"pose_auc@{t}": auc(error, t) for t in POSE_THRESHOLDS}
+    for family in FAMILIES:
+        if family.is_defined(truth.known(), pair.is_described):
+            record |= family.measure(pair)
     return record
+
+
+def rounded(record: Record) -> Record:
+    """To six significant digits: what is beyond them is rounding."""
+    return {k: v if v is None or isinstance(v, int) else float(f"{v:.6g}") for k, v in record.items()}
+
+
+def _check_truth(pair: FeaturePair) -> None:
+    truth = pair.truth
+    if truth.pose is not None:
+        _check_camera(truth.pose.camera1, pair.first, "first")
+        _check_camera(truth.pose.camera2, pair.second, "second")
+    if truth.homography is not None and truth.forward is not None:
+        _check_overlap(truth.forward, pair.first.size, pair.second.size)
 
 
 def _check_overlap(forward: Warp, size1: Size, size2: Size) -> None:
@@ -101,8 +73,8 @@ def _check_overlap(forward: Warp, size1: Size, size2: Size) -> None:
         raise EvalError("the homography does not fit: it sends no point of the first image into the second")
 
 
-def _check_camera(camera: Float, image: Extracted, which: str) -> None:
-    """Intrinsics of another size than the image's give poses that mean nothing."""
+def _check_camera(camera: Float, image: ImageFeatures, which: str) -> None:
+    """Refuse intrinsics of another size than the image's: poses from them mean nothing."""
     centre = camera[:2, 2] / camera[2, 2]
     if not inside(centre[None], image.size)[0]:
         x, y = warp(np.linalg.inv(image.to_working), centre[None])[0]
@@ -110,7 +82,3 @@ def _check_camera(camera: Float, image: Extracted, which: str) -> None:
             f"the {which} camera's principal point ({x:g}, {y:g}) lies outside its image: the intrinsics are of "
             "another size of it; scale them by the image's size"
         )
-
-
-def _finite(error: float) -> float | None:
-    return error if np.isfinite(error) else None

@@ -1,4 +1,4 @@
-"""How well the matches give back the relative pose of two calibrated cameras."""
+"""How well the matches recover the relative pose of two calibrated cameras."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from elf_eval.geometry import Float, direction_angle, rotation_angle, warp
+from elf_eval.coordinates import Float, warp
 from elf_eval.protocol import Ransac
+
+from .auc import auc
+from .family import FeaturePair, MetricFamily, Record, finite
 
 POSE_THRESHOLDS = (5, 10, 20)  # degrees
 
@@ -22,7 +25,7 @@ def estimate_pose(
     p1, p2 : (K, 2)
         Matched pixels.
     camera1, camera2 : (3, 3)
-        From camera coordinates to pixels: the calibration matrix, times whatever was done to the image since.
+        From camera coordinates to pixels: the calibration matrix, times what was done to the image since.
     ransac : Ransac
         Its threshold is in pixels; it is divided by the cameras' mean focal length.
 
@@ -56,11 +59,44 @@ def estimate_pose(
 def pose_error(pose: tuple[Float, Float] | None, rotation: Float, translation: Float) -> float:
     """The larger of the angular errors of rotation and translation, in degrees; infinite without an estimate.
 
-    The translation is compared as a line, since an essential matrix does not fix its sign; where the true one
-    is zero (a pure rotation) only the rotation counts.
+    Translations are compared as lines, because an essential matrix does not fix the sign.  Where the true one is zero
+    (a pure rotation), only the rotation counts.
     """
     if pose is None:
         return float("inf")
     along = direction_angle(pose[1], translation)
     turned = rotation_angle(pose[0], rotation)
     return turned if np.isnan(along) else max(turned, along)
+
+
+def rotation_angle(a: Float, b: Float) -> float:
+    """Angle in degrees between two rotation matrices."""
+    cosine = (np.trace(a.T @ b) - 1.0) / 2.0
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def direction_angle(a: Float, b: Float) -> float:
+    """Angle in degrees in [0, 90] between two lines of directions `a` and `b`; NaN for a zero vector."""
+    norms = float(np.linalg.norm(a) * np.linalg.norm(b))
+    if norms == 0.0:
+        return float("nan")
+    return float(np.degrees(np.arccos(np.clip(abs(float(a @ b)) / norms, 0.0, 1.0))))
+
+
+def _measure(pair: FeaturePair) -> Record:
+    true = pair.truth.pose
+    assert true is not None
+    pose, inliers = estimate_pose(*pair.matched_points, true.camera1, true.camera2, pair.protocol.pose)
+    error = pose_error(pose, true.rotation, true.translation)
+    areas = {f"pose_auc@{t}": auc(error, t) for t in POSE_THRESHOLDS}
+    return {"pose_error": finite(error), "pose_inliers": int(inliers.sum()), **areas}
+
+
+POSE = MetricFamily(
+    _measure,
+    counts=("pose_inliers",),
+    shares=tuple(f"pose_auc@{t}" for t in POSE_THRESHOLDS),
+    error="pose_error",
+    truth="pose",
+    descriptors=True,
+)

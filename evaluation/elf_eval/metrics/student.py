@@ -1,4 +1,4 @@
-"""Student's t: what a mean of few values can be off by."""
+"""Student's t distribution: how far off a mean of few values can be."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""From results to tables, plots, pictures and a page."""
+"""What is shown: the page of a run with its tables, plots and pictures; comparisons, sweeps and the front of a study.
 
-from __future__ import annotations
-
-from .page import write_index, write_report
-from .pictures import write_pictures
-
-__all__ = ["write_index", "write_pictures", "write_report"]
+A table is text in Markdown; matplotlib draws where it is installed.  May import all other rooms but `command`.
+"""

@@ -1,4 +1,4 @@
-"""The columns of a main table, and over which pairs each is."""
+"""The columns of a main table, and the pairs that each is over."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from elf_eval.metrics import Estimate, auc_trapezoids
+from elf_eval.metrics.auc import auc_trapezoids
 from elf_eval.metrics.homography import HOMOGRAPHY_THRESHOLDS
+from elf_eval.metrics.intervals import Estimate
 from elf_eval.metrics.pose import POSE_THRESHOLDS
+from elf_eval.run.averages import having, summarize
 from elf_eval.run.results import PairResult
-
-from .summary import having, summarize
 
 Pairs = Sequence[PairResult]
 
 
 @dataclass(frozen=True)
 class Column:
-    """A title, what a method's cell says of its pairs, and the metric that a pair must have to count."""
+    """A column's title, the text of a method's cell, and the metric that a pair must have to count."""
 
     title: str
     metric: str
@@ -89,7 +89,7 @@ COLUMNS = [
 
 
 def by_pairs(found: Mapping[str, Pairs]) -> list[tuple[list[Column], set[tuple[str, str]]]]:
-    """The columns that some method has a value for, put together where they are over the same pairs.
+    """The columns that some method has a value for, grouped by the pairs that they are over.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Labels beside points that cover neither one another nor a point, a line or the legend."""
+"""Labels beside points, which cover neither one another nor a point, a line or the legend."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from elf_eval.geometry import Float
+from elf_eval.coordinates import Float
 
 _MARKER = 7.0  # half a marker's box, in points
 _CELL = 4.0  # a line is held against a label every so many points
 _DISTANCES = (0.0, 0.6, 1.5, 3.0, 5.0, 8.0)  # from the nearest place, in half markers
-# Where a label's centre lies, as shares of half its size: beside the point, then slid along it, then at the corners.
+# Where a label's centre lies, in halves of its size: beside the point, then slid along it, then at the corners.
 _SIDES = (
     *((1, 0), (-1, 0), (0, 1), (0, -1)),
     *((1, 0.5), (1, -0.5), (-1, 0.5), (-1, -0.5), (0.5, 1), (-0.5, 1), (0.5, -1), (-0.5, -1)),
@@ -22,36 +22,26 @@ _SIDES = (
 _ORDERS = 300
 
 
-def place_labels(
-    axes: Any,
-    points: Sequence[tuple[float, float]],
-    texts: Sequence[str],
-    lines: Sequence[Any] = (),
-    size: float = 8.5,
-) -> list[Any]:
-    """Annotate points of a matplotlib axes, each at a free place near it; far ones get a thin line to their point.
+def place_labels(axes: Any, points: Sequence[tuple[float, float]], texts: Sequence[str], lines: Sequence[Any]) -> None:
+    """Annotate the points of matplotlib axes, each label at a free place near its point.
+
+    A label that is far away gets a thin line to its point.
 
     Parameters
     ----------
     points : sequence of (x, y)
-        In the axes' data; limits and scales are set before.
+        In data coordinates; the axes' limits and scales are set already.
     lines : sequence of Line2D
         What no label may lie on.
-    size : float
-        Font size in points.
-
-    Returns
-    -------
-    list of Annotation, in the order of the points
     """
     figure = axes.figure
-    figure.canvas.draw()  # places the axes, and with it everything inside
+    figure.canvas.draw()  # places the axes and all that is inside
     renderer = figure.canvas.get_renderer()
     unit = figure.dpi / 72.0
     at: Float = axes.transData.transform(np.asarray(points, float))
     notes = [
         axes.annotate(
-            text, point, xytext=(0, 0), textcoords="offset points", fontsize=size, linespacing=1.05,
+            text, point, xytext=(0, 0), textcoords="offset points", fontsize=8.5, linespacing=1.05,
             ha="center", va="center", zorder=4,
         )
         for point, text in zip(points, texts, strict=True)
@@ -72,14 +62,13 @@ def place_labels(
                 "", point, xytext=tuple(end), textcoords="offset points", zorder=2,
                 arrowprops={"arrowstyle": "-", "color": "#999999", "linewidth": 0.8, "shrinkB": 5},
             )  # fmt: skip
-    return notes
 
 
 def choose(at: Float, halves: Float, offsets: Float, taken: Float, inside: Float) -> Float:
-    """One offset for each label: the least overlap, and of those the nearest.
+    """An offset for each label: the one with the least overlap, and of several the nearest.
 
-    Labels are placed one after the other, each at its best free place; of many orders, drawn from a fixed seed, the
-    best is kept.
+    Labels are placed one after the other, each at its best free place.  Many orders are tried, drawn from a fixed seed,
+    and the best is kept.
 
     Parameters
     ----------
@@ -88,7 +77,7 @@ def choose(at: Float, halves: Float, offsets: Float, taken: Float, inside: Float
     offsets : (N, P, 2)
         Places of a label's centre from its point, good ones first.
     taken : (M, 4)
-        Boxes x0, y0, x1, y1 that are to stay free.
+        Boxes x0, y0, x1, y1 that must stay free.
     inside : (4,)
         The box that no label may leave.
 

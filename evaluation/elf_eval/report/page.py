@@ -1,9 +1,8 @@
-"""The report's files: README.md, index.html and tables.csv, around the plots and pictures."""
+"""The report: README.md and tables.csv, with the plots and pictures."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +10,8 @@ from elf_eval.run.results import Results
 from elf_eval.suite.suite import TableEntry
 
 from . import plots
-from .table import Table
-from .tables import build, write_csv
-
-_STYLE = """body { font: 15px/1.5 sans-serif; max-width: 72rem; margin: 2rem auto; padding: 0 1rem }
-table { border-collapse: collapse; margin: 1rem 0 }
-caption { text-align: left; font-weight: bold; padding: .3rem 0 }
-td, th { border: 1px solid #ccc; padding: .25rem .6rem; text-align: left; font-variant-numeric: tabular-nums }
-th { background: #f3f3f3 } img { max-width: 100% } code { background: #f3f3f3; padding: 0 .2rem }"""
+from .metrics_csv import write_csv
+from .tables import build
 
 
 def write_report(
@@ -30,41 +23,40 @@ def write_report(
     command: str,
     pictures: list[Path],
 ) -> list[str]:
-    """Write ``README.md``, ``index.html``, ``tables.csv`` and ``plots/`` into `out`.
+    """Write ``README.md``, ``tables.csv`` and ``plots/`` into `out`.
 
     Parameters
     ----------
     tables : list of TableEntry
-        Empty: one table of everything.
+        If empty, one table of everything.
     command : str
         What makes this report again.
     pictures : list of Path
-        Match pictures inside `out`.
+        Pictures of matches inside `out`.
 
     Returns
     -------
-    list of the names that were written; no ``plots/`` where there are none
+    list of str
+        The names that were written; ``plots/`` only where there are some.
     """
     out.mkdir(parents=True, exist_ok=True)
     write_csv(results, out / "tables.csv")
-    drawn = plots.available()
-    sections: list[tuple[TableEntry, list[Table], list[str]]] = []
+    parts = [f"# {title}", note, "\n".join(f"- {fact}" for fact in _facts(results, command))]
+    plotted: list[Path] = []
     for number, entry in enumerate(tables or [TableEntry("All methods")], start=1):
-        images: list[str] = []
-        if drawn:
-            written = plots.plot(results, entry, out / "plots" / f"{number:02d}")
-            images = [f"plots/{path.name}" for path in written]
-        sections.append((entry, build(results, entry), images))
-    facts = _facts(results, command)
-    shown = [path.relative_to(out).as_posix() for path in pictures]
-    (out / "README.md").write_text(_markdown(title, note, facts, sections, shown))
-    (out / "index.html").write_text(_html(title, note, facts, sections, shown))
-    names = ["README.md", "index.html", "tables.csv"]
-    return [*names, "plots/"] if any(images for _, _, images in sections) else names
+        written = plots.plot(results, entry, out / "plots" / f"{number:02d}") if plots.available() else []
+        plotted += written
+        parts += [f"## {entry.title}", entry.note, *(table.markdown() for table in build(results, entry))]
+        parts += [f"![{entry.title}](plots/{path.name})" for path in written]
+    if pictures:
+        parts += ["## Matches", "Green: right; red: wrong; blue: keypoints without a match."]
+        parts += [f"![matches]({path.relative_to(out).as_posix()})" for path in pictures]
+    (out / "README.md").write_text("\n\n".join(filter(None, parts)) + "\n")
+    return ["README.md", "tables.csv", *(["plots/"] if plotted else [])]
 
 
 def _facts(results: Results, command: str) -> list[str]:
-    """What a reader must know to judge the figures and to make them again."""
+    """What a reader must know to judge the figures, or to make them again."""
     p = results.protocol
     size = "images as they are" if p["size"] is None else f"images at {p['size'][0]}x{p['size'][1]}"
     known = {name for pair in results.pairs for name in pair.metrics}
@@ -113,47 +105,8 @@ def _estimator(settings: Mapping[str, Any]) -> str:
     )
 
 
-def _markdown(
-    title: str,
-    note: str,
-    facts: list[str],
-    sections: list[tuple[TableEntry, list[Table], list[str]]],
-    pictures: list[str],
-) -> str:
-    parts = [f"# {title}", *([note] if note else []), "\n".join(f"- {fact}" for fact in facts)]
-    for entry, tables, images in sections:
-        parts += [f"## {entry.title}", *([entry.note] if entry.note else [])]
-        parts += [table.markdown().rstrip("\n") for table in tables]
-        parts += [f"![{entry.title}]({image})" for image in images]
-    if pictures:
-        parts += ["## Matches", "Green: right; red: wrong; blue: keypoints without a match."]
-        parts += [f"![matches]({picture})" for picture in pictures]
-    return "\n\n".join(parts) + "\n"
-
-
-def _html(
-    title: str,
-    note: str,
-    facts: list[str],
-    sections: list[tuple[TableEntry, list[Table], list[str]]],
-    pictures: list[str],
-) -> str:
-    parts = [f"<h1>{escape(title)}</h1>", f"<p>{escape(note)}</p>" if note else ""]
-    parts.append("<ul>" + "".join(f"<li>{escape(fact.replace('`', ''))}</li>" for fact in facts) + "</ul>")
-    for entry, tables, images in sections:
-        parts += [f"<h2>{escape(entry.title)}</h2>", f"<p>{escape(entry.note)}</p>" if entry.note else ""]
-        parts += [table.html() for table in tables]
-        parts += [f'<p><img src="{image}" alt="{escape(entry.title)}"></p>' for image in images]
-    if pictures:
-        parts.append("<h2>Matches</h2><p>Green: right; red: wrong; blue: keypoints without a match.</p>")
-        parts += [f'<p><img src="{picture}" alt="matches"></p>' for picture in pictures]
-    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{_STYLE}</style>'
-    body = "\n".join(filter(None, parts))
-    return f'<!doctype html><html lang="en"><head>{head}</head><body>\n{body}\n</body></html>\n'
-
-
 def write_index(out: Path) -> None:
-    """`out`/README.md: links to all pages in `out` and in its folders, by their titles."""
+    """Write `out`/README.md, with links to all pages in `out` and its folders by their titles."""
     pages = sorted([*out.glob("*/README.md"), *(page for page in out.glob("*.md") if page.name != "README.md")])
     titles = [page.read_text(encoding="utf-8").split("\n", 1)[0].removeprefix("# ") for page in pages]
     links = [f"- [{title}]({page.relative_to(out).as_posix()})\n" for title, page in zip(titles, pages, strict=True)]

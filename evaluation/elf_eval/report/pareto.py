@@ -1,4 +1,4 @@
-"""Time against matching score: the table, and the picture with its front."""
+"""Time against matching score: the page with its tables, and the picture with the front."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from elf_eval.bench.pareto import Point, Study, front
 from .labels import place_labels
 from .table import Table
 
-# Family by family: a marker and a grey value of its own, so that the picture reads without colour.
+# Every family has a marker and a grey value of its own, so that the picture can be read without colour.
 _STYLES = [
     {"marker": "o", "facecolor": "#1f4e9c", "edgecolor": "#1f4e9c"},
     {"marker": "o", "facecolor": "white", "edgecolor": "#1f4e9c"},
@@ -24,7 +24,7 @@ _STYLES = [
 
 
 def markdown(study: Study, picture: str | None = None) -> str:
-    """The page: what was measured, the picture, the table of all methods, and that of the groups of scenes."""
+    """The page: what was measured, the picture, the table of all methods, and one by groups of scenes."""
     about, machine = study.about, study.about["environment"]
     text = (
         f"Time: detection and description of {about['image']} at {about['width']}x{about['height']}, "
@@ -39,9 +39,9 @@ def markdown(study: Study, picture: str | None = None) -> str:
     )
     parts = ["# Time and matching score", about["note"], text]
     parts += [f"![Time against matching score]({picture})"] if picture else []
-    parts.append(_main(study).markdown().rstrip())
+    parts.append(_main(study).markdown())
     if any(p.groups for p in study.points):
-        parts.append(_groups(study).markdown().rstrip())
+        parts.append(_groups(study).markdown())
     return "\n\n".join(filter(None, parts)) + "\n"
 
 

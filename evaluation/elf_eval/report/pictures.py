@@ -1,4 +1,4 @@
-"""Match pictures: two images side by side, right matches green, wrong ones red."""
+"""Pictures of matches: two images side by side, with right matches in green and wrong ones in red."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_eval.data import Pair, open_dataset
+from elf_eval.features import ImageFeatures
 from elf_eval.methods import open_methods
-from elf_eval.metrics import descriptor_distances, mutual_nearest
-from elf_eval.run.cache import Extracted, FeatureCache
+from elf_eval.metrics.matching import descriptor_distances, mutual_nearest
+from elf_eval.run.cache import FeatureCache
 from elf_eval.run.results import Results
 from elf_eval.run.runner import Resources
 from elf_eval.suite.suite import Suite
 
-from .names import wrapped
+from .method_names import wrapped
 
 _GREEN, _RED, _GREY, _BLUE = (60, 180, 60), (60, 60, 230), (160, 160, 160), (220, 150, 40)  # BGR
 
@@ -25,7 +26,7 @@ _FONT = (cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)  # face, scale, thickness
 
 
 def write_pictures(suite: Suite, results: Results, folder: Path, resources: Resources) -> list[Path]:
-    """The suite's pictures, of the methods that the results have; features come from the cache."""
+    """Write the suite's pictures of the methods that the results have; the features come from the cache."""
     written = []
     cache = FeatureCache(resources.cache)
     specs = {entry.name: entry.spec for entry in suite.datasets}
@@ -51,16 +52,16 @@ def write_pictures(suite: Suite, results: Results, folder: Path, resources: Reso
 def draw_matches(
     pixels1: npt.NDArray[np.uint8],
     pixels2: npt.NDArray[np.uint8],
-    first: Extracted,
-    second: Extracted,
+    first: ImageFeatures,
+    second: ImageFeatures,
     pair: Pair,
     eps: float,
     title: str,
 ) -> npt.NDArray[Any]:
     """Two (H, W, 3) BGR images with their mutual nearest neighbours.
 
-    Green: within `eps` pixels of where the ground truth says; red: not; grey: the ground truth does not say.
-    Keypoints that are not matched are small blue dots, all there is for a detector alone.
+    Green ones lie within `eps` pixels of the truth, red ones don't, and of grey ones it is not known.  Keypoints
+    without a match are small blue dots; a method without descriptors has nothing else.
     """
     offset = pixels1.shape[1] + 4
     height = max(pixels1.shape[0], pixels2.shape[0])
@@ -78,7 +79,7 @@ def draw_matches(
     forward = pair.truth.at(first.to_working, second.to_working).forward
     error = np.full(len(p1), np.nan) if forward is None else np.linalg.norm(forward(p1.astype(float)) - p2, axis=1)
     right = error <= eps
-    for i in np.argsort(right, kind="stable"):  # the right ones on top
+    for i in np.argsort(right, kind="stable"):  # draws the right ones on top
         colour = _GREY if np.isnan(error[i]) else _GREEN if right[i] else _RED
         ends = _at(*p1[i]), _at(p2[i, 0] + offset, p2[i, 1])
         cv2.line(canvas, *ends, colour, 1, cv2.LINE_AA)
@@ -90,7 +91,7 @@ def draw_matches(
 
 
 def _title(text: str, width: int) -> npt.NDArray[np.uint8]:
-    """(height, width, 3) white: the text in as many lines as it needs; OpenCV's fonts know ASCII alone."""
+    """(height, width, 3) white, with the text in as many lines as it needs; OpenCV's fonts have ASCII only."""
     plain = text.encode("ascii", "replace").decode()
     for length in range(len(plain), 0, -1):
         lines = wrapped(plain, length, len(plain)).split("\n")

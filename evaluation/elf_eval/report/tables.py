@@ -1,89 +1,69 @@
-"""The tables: the paper's form, with what is compared today beside it."""
+"""The tables: in the paper's form, with what is compared today beside it."""
 
 from __future__ import annotations
 
-import csv
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping, Sequence
 
-from elf_eval.metrics.homography import HOMOGRAPHY_THRESHOLDS
-from elf_eval.metrics.matching import MMA_THRESHOLDS
-from elf_eval.metrics.pose import POSE_THRESHOLDS
+from elf_eval.metrics.matching_accuracy import MMA_THRESHOLDS
+from elf_eval.run.averages import having, image_counts, keypoints, summarize
 from elf_eval.run.results import PairResult, Results
 from elf_eval.suite import paper
 from elf_eval.suite.suite import TableEntry
 
-from .columns import by_pairs, short, superglue
-from .summary import having, image_counts, keypoints, metrics_in, summarize
+from .columns import by_pairs, short
+from .selection import Selection, selections
 from .table import Table
 
-
-def selected(results: Results, entry: TableEntry) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """The datasets and methods of a table that the results have, in the entry's order."""
-    datasets = {d["name"]: d for d in results.datasets}
-    methods = {m["name"]: m for m in results.methods}
-    chosen_datasets = [datasets[n] for n in entry.datasets or datasets if n in datasets]
-    return chosen_datasets, [methods[n] for n in entry.methods or methods if n in methods]
+Found = Mapping[str, Sequence[PairResult]]  # pairs by method
 
 
 def build(results: Results, entry: TableEntry) -> list[Table]:
-    """The tables of an entry: one for each dataset and way of counting, and for each part of the pairs that a metric
-    is over, where those differ."""
-    datasets, methods = selected(results, entry)
+    """The tables of an entry: one for each dataset and way of counting.
+
+    Metrics that are over different pairs stand in tables of their own.
+    """
     tables = []
-    for dataset in datasets:
-        for counts in results.protocol["counts"]:
-            if entry.plot == "mma":
-                tables.append(_by_threshold(results, dataset, methods, counts))
-                continue
-            tables += _main(results, dataset, methods, counts, entry)
-            if dataset["parameter"]:
-                tables.append(_by_parameter(results, dataset, methods, counts))
+    for part in selections(results, entry):
+        if entry.plot == "mma":
+            tables.append(_by_threshold(part))
+            continue
+        tables += _main(part, entry)
+        if part.dataset["parameter"]:
+            tables.append(_by_parameter(part))
     return tables
 
 
-def how_counted(results: Results, counts: str) -> str:
-    """In words: up to how many keypoints, or as many as the method with the fewest."""
-    if counts == "own":
-        return f"up to {results.protocol['max_keypoints']} keypoints"
-    floor = results.protocol.get("count_floor", 0)
-    return f"equal counts, at least {floor}" if floor else "equal counts"
-
-
-def _caption(results: Results, dataset: dict[str, Any], counts: str, found: list[list[PairResult]]) -> str:
-    """The dataset, how many keypoints are kept, and the pairs and scenes that a table is over."""
-    there = {(p.scene, p.pair) for pairs in found for p in pairs}
-    sizes = (len(there), dataset["pairs"], "pair"), (len({scene for scene, _ in there}), dataset["scenes"], "scene")
-    parts = ", ".join(f"{n if n == of else f'{n} of {of}'} {what}{'' if of == 1 else 's'}" for n, of, what in sizes)
-    text = f"{dataset['name']}, {how_counted(results, counts)} ({parts})"
-    floor = results.protocol.get("count_floor", 0)
-    if counts == "equal" and floor:
-        images = [item for pairs in found for item in image_counts(pairs).items()]
-        fewer = {name for name, count in images if count < floor}
-        text += f"; on {len(fewer)} of {len(dict(images))} images a method finds fewer than {floor}"
+def _caption(part: Selection, found: Found) -> str:
+    """The dataset, how many keypoints are kept, and over how many pairs and scenes a table is."""
+    there = {(p.scene, p.pair) for pairs in found.values() for p in pairs}
+    scenes = {scene for scene, _ in there}
+    over = (len(there), part.dataset["pairs"], "pair"), (len(scenes), part.dataset["scenes"], "scene")
+    numbers = ", ".join(f"{n if n == of else f'{n} of {of}'} {what}{'' if of == 1 else 's'}" for n, of, what in over)
+    text = f"{part.title} ({numbers})"
+    if part.counts == "equal" and part.count_floor:
+        images = [item for pairs in found.values() for item in image_counts(pairs).items()]
+        fewer = {name for name, count in images if count < part.count_floor}
+        text += f"; on {len(fewer)} of {len(dict(images))} images a method finds fewer than {part.count_floor}"
     return text
 
 
-def _main(
-    results: Results, dataset: dict[str, Any], methods: list[dict[str, Any]], counts: str, entry: TableEntry
-) -> list[Table]:
-    found = {m["name"]: results.of(dataset["name"], m["name"], counts) for m in methods}
+def _main(part: Selection, entry: TableEntry) -> list[Table]:
     tables = []
-    for columns, over in by_pairs(found):
-        part = {name: [p for p in pairs if (p.scene, p.pair) in over] for name, pairs in found.items()}
-        beside = any(c.metric == "rep" for c in columns) and (entry.paper or any(m["paper"] for m in methods))
+    for columns, over in by_pairs(part.pairs):
+        found = {name: [p for p in pairs if (p.scene, p.pair) in over] for name, pairs in part.pairs.items()}
+        beside = any(c.metric == "rep" for c in columns) and (entry.paper or any(m["paper"] for m in part.methods))
         header = ["method", "keypoints (least)", *(c.title for c in columns)]
         header += [f"the paper's {name}" for name in paper.DATASETS] if beside else []
         rows = []
-        for method in methods:
-            pairs = part[method["name"]]
+        for method in part.methods:
+            pairs = found[method["name"]]
             row = [method["name"], _counted(pairs), *(c.cell(pairs) for c in columns)]
             rows.append(row + (_paper(method["paper"]) if beside else []))
-        if beside and entry.paper and counts == results.protocol["counts"][0]:
-            ours = {m["paper"] for m in methods}
+        if beside and entry.paper and part.counts == part.results.protocol["counts"][0]:
+            ours = {m["paper"] for m in part.methods}
             absent = [name for name in paper.TABLES[entry.paper] if name not in ours]
             rows += [[name, "not measured", *("-" for _ in columns), *_paper(name)] for name in absent]
-        tables.append(Table(_caption(results, dataset, counts, list(part.values())), header, rows))
+        tables.append(Table(_caption(part, found), header, rows))
     return tables
 
 
@@ -91,62 +71,32 @@ def _paper(row: str | None) -> list[str]:
     return [paper.figures(row, name) for name in paper.DATASETS]
 
 
-def _counted(pairs: list[PairResult]) -> str:
+def _counted(pairs: Sequence[PairResult]) -> str:
     if not pairs:
         return "-"
     count = keypoints(pairs)
     return f"{count.mean:.0f} ({count.least})"
 
 
-def _by_parameter(results: Results, dataset: dict[str, Any], methods: list[dict[str, Any]], counts: str) -> Table:
-    found = [results.of(dataset["name"], method["name"], counts) for method in methods]
-    values = sorted({p.parameter for pairs in found for p in pairs if p.parameter is not None})
+def _by_parameter(part: Selection) -> Table:
     rows = []
-    for method, pairs in zip(methods, found, strict=True):
-        row = [method["name"]]
-        for value in values:
+    for name, pairs in part.pairs.items():
+        row = [name]
+        for value in part.parameters:
             there = [p for p in pairs if p.parameter == value]
             numbers = image_counts(there, second=True).values()
             scores = f"{short(summarize(there, 'rep'))} / {short(summarize(there, 'ms'))}"
             row.append(f"{scores} ({sum(numbers) / len(numbers):.0f})" if numbers else "-")
         rows.append(row)
-    title = f"{_caption(results, dataset, counts, found)}: rep / ms (keypoints of the view) by {dataset['parameter']}"
-    return Table(title, ["method", *(f"{value:g}" for value in values)], rows)
+    what = f"rep / ms (keypoints of the view) by {part.dataset['parameter']}"
+    return Table(f"{_caption(part, part.pairs)}: {what}", ["method", *(f"{v:g}" for v in part.parameters)], rows)
 
 
-def _by_threshold(results: Results, dataset: dict[str, Any], methods: list[dict[str, Any]], counts: str) -> Table:
-    found = [having(results.of(dataset["name"], m["name"], counts), f"mma@{MMA_THRESHOLDS[0]}") for m in methods]
-    rows = []
-    for method, pairs in zip(methods, found, strict=True):
-        values = [short(summarize(pairs, f"mma@{t}")) for t in MMA_THRESHOLDS]
-        rows.append([method["name"], _counted(pairs), *values])
+def _by_threshold(part: Selection) -> Table:
+    found = {name: having(pairs, f"mma@{MMA_THRESHOLDS[0]}") for name, pairs in part.pairs.items()}
+    rows = [
+        [name, _counted(pairs), *(short(summarize(pairs, f"mma@{t}")) for t in MMA_THRESHOLDS)]
+        for name, pairs in found.items()
+    ]
     header = ["method", "keypoints (least)", *(f"{t} px" for t in MMA_THRESHOLDS)]
-    return Table(f"{_caption(results, dataset, counts, found)}: share of the matches within", header, rows)
-
-
-def write_csv(results: Results, path: Path) -> None:
-    """Every metric of every method on every dataset: mean over scenes, its 95 % interval, and the pairs and scenes
-    that it is over; the AUC as SuperGlue's authors compute it has no interval."""
-    with open(path, "w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["dataset", "counts", "method", "metric", "mean", "low", "high", "pairs", "scenes"])
-        for dataset in results.datasets:
-            for counts in results.protocol["counts"]:
-                for method in results.methods:
-                    _csv_rows(writer, results.of(dataset["name"], method["name"], counts))
-
-
-def _csv_rows(writer: Any, pairs: list[PairResult]) -> None:
-    def row(metric: str, over: list[PairResult], *figures: float) -> None:
-        where = [over[0].dataset, over[0].counts, over[0].method]
-        numbers = [f"{v:.6g}" if v == v else "" for v in figures]
-        writer.writerow([*where, metric, *numbers, len(over), len({p.scene for p in over})])
-
-    for metric in metrics_in(pairs):
-        value = summarize(pairs, metric)
-        if value is not None:
-            row(metric, having(pairs, metric), value.mean, value.low, value.high)
-    for error, thresholds in (("h_error", HOMOGRAPHY_THRESHOLDS), ("pose_error", POSE_THRESHOLDS)):
-        over = [p for p in pairs if error in p.metrics]
-        for metric, auc in (superglue(over, error, thresholds) or {}).items():
-            row(metric, over, auc, float("nan"), float("nan"))
+    return Table(f"{_caption(part, found)}: share of the matches within", header, rows)

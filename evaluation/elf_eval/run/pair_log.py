@@ -1,4 +1,4 @@
-"""Finished pairs, written as they come, so that an interrupted run goes on where it was."""
+"""Finished pairs, written as they come, so that an interrupted run can go on from there."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ import sys
 import zlib
 from pathlib import Path
 
-from elf_eval.metrics.pair import Record
+from elf_eval.metrics.family import Record
 
 
 class PairLog:
-    """Metrics by the key of what they were computed from; on disk one JSON line each, with its checksum.
+    """Metrics by the key of what they were computed from; on disk a JSON line each, with its checksum.
 
     Parameters
     ----------
     path : Path, optional
-        Lines of an earlier run are read, new ones appended, the first of which makes the folder; None keeps nothing.
-        Damaged lines are told once and dropped: their pairs are evaluated again.
+        The lines of an earlier run are read, and new ones appended; the first one makes the folder.  Damaged lines are
+        reported once and dropped, and their pairs are evaluated again.  None keeps nothing.
     """
 
     def __init__(self, path: Path | None) -> None:

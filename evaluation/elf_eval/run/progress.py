@@ -1,4 +1,4 @@
-"""One line that tells how far a run is."""
+"""A line that says how far a run is."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _PATIENCE = 30.0  # seconds
 
 
 class Progress:
-    """Counts steps of a stage: rewritten in place on a terminal; elsewhere a line every tenth or 30 s."""
+    """Counts the steps of a stage: on a terminal in one line, elsewhere in a line every tenth of the way or 30 s."""
 
     def __init__(self, stage: str, total: int, stream: TextIO | None = None, quiet: bool = False) -> None:
         self._stage, self._total, self._quiet = stage, total, quiet
@@ -19,7 +19,7 @@ class Progress:
         self._start = self._shown = time.monotonic()
 
     def step(self, what: str) -> None:
-        """One more is done; `what` it was."""
+        """One more step is done; `what` it was."""
         self._done += 1
         tenth, now = 10 * self._done // max(1, self._total), time.monotonic()
         terminal = self._stream.isatty()

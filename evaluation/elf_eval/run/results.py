@@ -3,19 +3,11 @@
 from __future__ import annotations
 
 import json
-import platform
-import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
-import onnxruntime
-
-import elf_runtime
 from elf_eval.errors import EvalError, reason
 from elf_runtime.files.kind import open_regular
 from elf_runtime.files.write import write_atomically
@@ -69,7 +61,7 @@ class Results:
     pairs: list[PairResult]
 
     def save(self, path: Path) -> None:
-        """Write JSON, one pair a line so that versions of the file can be compared."""
+        """Write JSON, one pair a line, so that two versions of the file can be compared."""
         head = {k: v for k, v in vars(self).items() if k != "pairs"}
         text = json.dumps({"schema": SCHEMA, **head}, indent=1)[:-2]
         rows = ",\n".join("  " + json.dumps(asdict(pair)) for pair in self.pairs)
@@ -83,7 +75,7 @@ class Results:
         Raises
         ------
         EvalError
-            If the file is missing, no results, or of another schema.
+            If the file is missing, does not hold results, or has another schema.
         """
         try:
             with open_regular(path) as file:
@@ -101,12 +93,12 @@ class Results:
             raise EvalError(f"{path}: not a results file of elf-eval run") from error
 
     def of(self, dataset: str, method: str, counts: str) -> list[PairResult]:
-        """One method's pairs on one dataset."""
+        """One method's pairs on one dataset, by one way of counting."""
         return [p for p in self.pairs if (p.dataset, p.method, p.counts) == (dataset, method, counts)]
 
 
 def _check(results: Results) -> None:
-    """Raise TypeError where a part is not of its kind."""
+    """Raise TypeError where a part has the wrong type."""
     objects = [results.protocol, results.versions, *results.methods, *results.datasets]
     metrics = [value for pair in results.pairs for value in pair.metrics.values()]
     if not (isinstance(results.methods, list) and isinstance(results.datasets, list)):
@@ -115,25 +107,3 @@ def _check(results: Results) -> None:
         raise TypeError("protocol, versions, methods and datasets hold objects")
     if not all(value is None or isinstance(value, (int, float)) for value in metrics):
         raise TypeError("metrics are numbers")
-
-
-def rounded(metrics: Mapping[str, float | None]) -> dict[str, float | None]:
-    """Six significant digits: what is beyond them is rounding."""
-    return {k: v if v is None or isinstance(v, int) else float(f"{v:.6g}") for k, v in metrics.items()}
-
-
-def versions() -> dict[str, str]:
-    """Of everything that the figures depend on."""
-    return {
-        "elf-onnx": elf_runtime.__version__,
-        "python": sys.version.split()[0],
-        "numpy": np.__version__,
-        "opencv": cv2.__version__,
-        "onnxruntime": onnxruntime.__version__,
-        "system": f"{platform.system()} {platform.machine()}",
-    }
-
-
-def now() -> str:
-    """ISO 8601, UTC, to the second."""
-    return datetime.now(timezone.utc).isoformat(timespec="seconds")

@@ -1,28 +1,27 @@
-"""A run: features of every image, then metrics of every pair; what an earlier run left is used."""
+"""A run: the features of every image, then the metrics of every pair.  What an earlier run left is used."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 import sys
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from elf_eval.data import Dataset, open_dataset
 from elf_eval.data.images import ImageRef
 from elf_eval.errors import EvalError
 from elf_eval.methods import open_methods
-from elf_eval.protocol import Protocol
 from elf_eval.suite.suite import DatasetEntry, MethodEntry, Suite
 
-from .jobs import ExtractJob, run_extract, run_pair
+from .evaluation import PairEvaluation, evaluate_pair, pair_evaluations
+from .extraction import CachedFeatures, Extraction, extract_features
 from .pair_log import PairLog
 from .progress import Progress
-from .results import PairResult, Results, now, versions
-from .rows import Features, rows
+from .provenance import about_dataset, about_method, now, versions
+from .results import PairResult, Results
 from .workers import run_all
+
+Features = dict[tuple[str, ImageRef], CachedFeatures]  # by method and image
 
 
 @dataclass(frozen=True)
@@ -53,16 +52,16 @@ def run(suite: Suite, resources: Resources, log: Path | None = None, scenes: Col
     Parameters
     ----------
     log : Path, optional
-        Finished pairs are appended to this file as they come, the first of which makes its folder; an interrupted
-        run that finds it goes on there.
+        Finished pairs are appended to this file as they come; the first one makes its folder.  A run that was
+        interrupted goes on from it.
     scenes : names, optional
-        Only the pairs of these.
+        Only the pairs of these scenes.
 
     Raises
     ------
     EvalError
-        On a dataset or method that can't be opened, a picture of a pair that its dataset does not have, or an image
-        or pair that can't be evaluated.
+        If a dataset or method can't be opened, a picture is of a pair that its dataset does not have, or an image or
+        pair can't be evaluated.
     """
     datasets = [(entry, _dataset(suite, entry)) for entry in suite.datasets]
     _check_pictures(suite, {entry.name: dataset for entry, dataset in datasets})
@@ -71,16 +70,18 @@ def run(suite: Suite, resources: Resources, log: Path | None = None, scenes: Col
     methods, skipped = _usable(suite, resources)
     refs = list(dict.fromkeys(ref for _, dataset in datasets for ref in dataset.images()))
     features = _extract(suite, [entry for entry, _ in methods], refs, resources)
-    pairs: list[PairResult] = []
     finished = PairLog(log)
-    names = [entry.name for entry, _ in methods]
+    pairs: list[PairResult] = []
     for entry, dataset in datasets:
-        pairs += _evaluate(suite.protocol, entry.name, dataset, names, features, resources, finished)
+        names = [method.name for method, _ in methods]
+        evaluations = list(pair_evaluations(suite.protocol, dataset, names, features))
+        pairs += _evaluate(entry.name, evaluations, resources, finished)
+    seconds = {e.name: [done.seconds for (name, _), done in features.items() if name == e.name] for e, _ in methods}
     return Results(
         protocol=suite.protocol.to_dict(),
-        methods=[_about(entry, print_, features) for entry, print_ in methods],
+        methods=[about_method(entry, fingerprint, seconds[entry.name]) for entry, fingerprint in methods],
         skipped=skipped,
-        datasets=[_about_dataset(entry.name, entry.spec, dataset, suite) for entry, dataset in datasets],
+        datasets=[about_dataset(entry, dataset, suite.protocol.size) for entry, dataset in datasets],
         versions=versions(),
         created=now(),
         pairs=pairs,
@@ -103,7 +104,7 @@ def _check_pictures(suite: Suite, datasets: Mapping[str, Dataset]) -> None:
 
 
 def _usable(suite: Suite, resources: Resources) -> tuple[list[tuple[MethodEntry, str]], list[dict[str, str]]]:
-    """The methods that open, with their fingerprints, and the optional ones that don't, with the reason."""
+    """The methods that can be opened, with their fingerprints; the optional ones that can't, with the reasons."""
     usable, skipped = [], []
     failed: list[str] = []
     left_out: list[str] = []
@@ -125,74 +126,28 @@ def _usable(suite: Suite, resources: Resources) -> tuple[list[tuple[MethodEntry,
 
 def _extract(suite: Suite, entries: list[MethodEntry], refs: list[ImageRef], resources: Resources) -> Features:
     keys = [(entry, ref) for entry in entries for ref in refs]
-    jobs = [
-        ExtractJob(*suite.texts(entry), resources.threads, ref, suite.protocol, resources.cache) for entry, ref in keys
+    extractions = [
+        Extraction(*suite.texts(entry), resources.threads, ref, suite.protocol, resources.cache) for entry, ref in keys
     ]
-    progress = Progress("features", len(jobs), quiet=resources.quiet)
+    progress = Progress("features", len(extractions), quiet=resources.quiet)
     features: Features = {}
-    results = run_all(run_extract, jobs, resources.workers, resources.threads)
-    for (entry, ref), done in zip(keys, results, strict=True):
+    cached = run_all(extract_features, extractions, resources.workers, resources.threads)
+    for (entry, ref), done in zip(keys, cached, strict=True):
         features[entry.name, ref] = done
         progress.step(f"{entry.name}: {ref.name}")
     return features
 
 
 def _evaluate(
-    protocol: Protocol,
-    name: str,
-    dataset: Dataset,
-    methods: list[str],
-    features: Features,
-    resources: Resources,
-    log: PairLog,
-) -> list[PairResult]:
-    wanted = list(rows(protocol, dataset, methods, features))
-    missing = [row for row in wanted if row.key not in log.done]
-    progress = Progress(f"pairs of {name}", len(missing), quiet=resources.quiet)
-    results = run_all(run_pair, [row.job for row in missing], resources.workers, resources.threads)
-    for row, values in zip(missing, results, strict=True):
-        log.add(row.key, values)
-        progress.step(f"{row.method}: {row.pair.name}")
-    return [
-        PairResult(
-            name,
-            row.pair.scene,
-            row.pair.first.name,
-            row.pair.second.name,
-            row.method,
-            row.counts,
-            row.pair.parameter,
-            log.done[row.key],
-        )
-        for row in wanted
-    ]
-
-
-def _about(entry: MethodEntry, fingerprint: str, features: Features) -> dict[str, Any]:
-    seconds = [done.seconds for (name, _), done in features.items() if name == entry.name]
-    return {
-        "name": entry.name,
-        "detector": entry.detector,
-        "descriptor": entry.descriptor,
-        "paper": entry.paper,
-        "fingerprint": hashlib.sha256(fingerprint.encode()).hexdigest(),
-        "seconds_per_image": round(sum(seconds) / len(seconds), 4),
-    }
-
-
-def _about_dataset(name: str, spec: str, dataset: Dataset, suite: Suite) -> dict[str, Any]:
-    refs = list(dataset.images())
-    sha = hashlib.sha256()
-    for ref in refs:
-        sha.update(ref.digest(suite.protocol.size).encode())
-    for pair in dataset.pairs:
-        sha.update(json.dumps([pair.name, pair.truth.identity()]).encode())
-    return {
-        "name": name,
-        "spec": spec,
-        "parameter": dataset.parameter,
-        "pairs": len(dataset.pairs),
-        "scenes": len(dataset.scenes()),
-        "images": len(refs),
-        "sha256": sha.hexdigest(),
-    }
+    dataset: str, evaluations: list[PairEvaluation], resources: Resources, log: PairLog
+) -> Iterator[PairResult]:
+    missing = [evaluation for evaluation in evaluations if evaluation.key not in log.done]
+    progress = Progress(f"pairs of {dataset}", len(missing), quiet=resources.quiet)
+    records = run_all(evaluate_pair, missing, resources.workers, resources.threads)
+    for evaluation, record in zip(missing, records, strict=True):
+        log.add(evaluation.key, record)
+        progress.step(f"{evaluation.method}: {evaluation.pair.name}")
+    for evaluation in evaluations:
+        pair, record = evaluation.pair, log.done[evaluation.key]
+        images = (pair.first.name, pair.second.name)
+        yield PairResult(dataset, pair.scene, *images, evaluation.method, evaluation.counts, pair.parameter, record)

@@ -1,4 +1,4 @@
-"""Work in several processes, which end when the one that started them does, however it dies; SIGTERM."""
+"""Work in several processes, which end with the one that started them, however that one ends."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ import cv2
 
 from elf_eval.errors import EvalError
 
-J = TypeVar("J")
+T = TypeVar("T")
 R = TypeVar("R")
 
 
-def run_all(work: Callable[[J], R], jobs: Iterable[J], workers: int, threads: int | None) -> Iterator[R]:
-    """`work` on each job, results in order; in this process where `workers` is 1.
+def run_all(work: Callable[[T], R], items: Iterable[T], workers: int, threads: int | None) -> Iterator[R]:
+    """`work` on each item, with the results in order; in this process where `workers` is 1.
 
     Where the results are no longer wanted (an error, Ctrl-C, SIGTERM), the processes are ended at once, in the
-    middle of their jobs.
+    middle of their work.
 
     Raises
     ------
     EvalError
-        If a process ends that should not, as where memory runs out.
+        If a process ends before its work is done, as when memory runs out.
     """
     if workers == 1:
         set_threads(threads)
-        yield from map(work, jobs)
+        yield from map(work, items)
         return
     others = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(workers, context, _start, (threads,))
     try:
-        yield from pool.map(work, jobs)
+        yield from pool.map(work, items)
     except BrokenProcessPool as error:
         raise EvalError(
             f"one of the {workers} processes ended before its work was done (out of memory?); "
@@ -60,15 +60,15 @@ def set_threads(threads: int | None) -> None:
 
 def _start(threads: int | None) -> None:
     end_with_parent()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C comes to all processes of a terminal: the parent decides
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes of a terminal; the parent decides
     set_threads(threads)
 
 
 def end_with_parent() -> None:
     """Let this process end as soon as the one that started it has.
 
-    A process that waits for work notices by itself only where its pipes are closed, and one at work not at all; a
-    pool's workers hold the ends of each other's pipes.
+    By itself a process that waits for work notices only when its pipes are closed, and a pool's workers hold the ends
+    of each other's pipes.  One at work does not notice at all.
     """
     parent = multiprocessing.parent_process()
     if parent is not None:

@@ -1,4 +1,4 @@
-"""What to run: suites in TOML, the searches over settings, and the paper's own figures to stand beside.
+"""What to run: suites in TOML, the grid of a sweep, and the paper's own figures to stand beside ours.
 
-May import the protocol and errors.
+May import the modules beside the rooms alone.
 """

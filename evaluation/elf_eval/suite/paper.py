@@ -1,12 +1,12 @@
-"""The paper's own figures, to stand beside ours as the paper's.
+"""The paper's own figures, to stand beside ours.
 
 Benbihi, Geist, Pradalier, "ELF: Embedded Localisation of Features in pre-trained CNN", ICCV 2019:
 (repeatability, matching score) in percent on HPatches and on the Webcam set.
 
-ELF's rows and SIFT's are those of the paper's table.  The others come from the authors' plotting scripts
-(github.com/abenbihi/elf, plots/fig5_hpatch.py and fig5_webcam.py), to a tenth.  Those scripts have SIFT's and SURF's
-figures the other way round: SIFT's 51.2 / 24.6 are the authors' README's too.  Of the table of gradients only one
-pair of figures is known here.
+The rows of ELF and SIFT are those of the paper's table.  The others come, to a tenth, from the authors' plotting
+scripts (github.com/abenbihi/elf, plots/fig5_hpatch.py and fig5_webcam.py).  The scripts have the figures of SIFT and
+SURF the other way round: SIFT's 51.2 / 24.6 stand in the authors' README too.  Of the table of gradients only one pair
+of figures is known here.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ TABLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 
 def figures(row: str | None, dataset: str) -> str:
-    """``rep / ms`` of a row of the paper; in words where there is no such row, or no such figure of it."""
+    """``rep / ms`` of a row of the paper; in words where there is no such row, or the row has no such figure."""
     if row is None:
         return "-"
     if row not in PAPER:

@@ -1,4 +1,4 @@
-"""What to run: methods, datasets, protocol, and the tables and pictures to make of it; from TOML."""
+"""A suite: methods, datasets, protocol, and the tables and pictures to make of them; from TOML."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from elf_eval.errors import EvalError, reason
 from elf_eval.protocol import Protocol
@@ -19,12 +19,10 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-T = TypeVar("T")
-
 
 @dataclass(frozen=True)
 class MethodEntry:
-    """A method under the name that the tables use.
+    """A method, and the name that it has in the tables.
 
     Attributes
     ----------
@@ -33,11 +31,11 @@ class MethodEntry:
     descriptor : str, optional
         The detector's own where absent.
     paper : str, optional
-        The row of the paper's tables that belongs beside it.
+        The row of the paper's tables that stands beside it.
     optional : bool
-        Leave it out, with a line in the report that says why, where it can't be opened.
+        Where it can't be opened, leave it out, and say why in the report.
     family : str
-        What `elf-eval pareto` gives one marker.
+        Methods of one family have the same marker in `elf-eval pareto`.
     """
 
     name: str
@@ -54,7 +52,7 @@ class MethodEntry:
 
 @dataclass(frozen=True)
 class DatasetEntry:
-    """A dataset under the name that the tables use."""
+    """A dataset, and the name that it has in the tables."""
 
     name: str
     spec: str
@@ -62,7 +60,7 @@ class DatasetEntry:
 
 @dataclass(frozen=True)
 class TableEntry:
-    """A table and its plot; an empty list is all.
+    """A table and its plot; an empty list of methods or datasets means all.
 
     Attributes
     ----------
@@ -70,7 +68,7 @@ class TableEntry:
     note : str
         A paragraph above the table.
     paper : "generic" or "gradients", optional
-        The paper's table whose rows stand below ours where ours have none of that name, once for each dataset.
+        The paper's table whose other rows, those that ours has no method for, stand below, once for each dataset.
     """
 
     title: str
@@ -89,7 +87,7 @@ class TableEntry:
 
 @dataclass(frozen=True)
 class PictureEntry:
-    """A match picture: ``pair`` is "v_graf/1.png - v_graf/3.png"; an empty list of methods is all."""
+    """A picture of matches; ``pair`` is "v_graf/1.png - v_graf/3.png", and an empty list of methods means all."""
 
     dataset: str
     pair: str
@@ -103,9 +101,9 @@ class Suite:
     Attributes
     ----------
     variables : dict
-        ``${NAME}`` in the methods' and datasets' texts; an environment variable of that name goes before.
+        What ``${NAME}`` means in the methods' and datasets' texts, unless there is an environment variable NAME.
     groups : dict
-        Scenes under a common name, for tables by group.
+        Names of groups of scenes, for tables by group.
     """
 
     methods: list[MethodEntry]
@@ -139,12 +137,12 @@ class Suite:
         return self.expand(entry.detector), self.expand(entry.descriptor) if entry.descriptor else None
 
     def origin(self, entry: MethodEntry | DatasetEntry) -> str:
-        """What the entry's ``${NAME}`` are, in brackets, to end an error's text with (`variables.origin`)."""
+        """What the entry's ``${NAME}`` mean, in brackets, to stand behind an error's text (`variables.origin`)."""
         texts = [entry.spec] if isinstance(entry, DatasetEntry) else [entry.detector, entry.descriptor or ""]
         return variables.origin(" ".join(texts), self.variables)
 
     def unexpand(self, text: str) -> str:
-        """`text` with the variables' values named again: a report should not depend on where files lie."""
+        """`text` with names for the variables' values, because a report should not depend on where files lie."""
         for name in self.variables:
             text = text.replace(self.expand("${" + name + "}"), "${" + name + "}")
         return text
@@ -161,32 +159,31 @@ class Suite:
         """
         try:
             with open(path, "rb") as file:
-                data = tomllib.load(file)
+                data: dict[str, Any] = tomllib.load(file)
         except OSError as error:
             raise EvalError(f"{path}: {reason(error)}") from error
         except ValueError as error:
             raise EvalError(f"{path}: not a TOML file: {error}") from error
-        known = {"title", "note", "protocol", "variables", "method", "dataset", "table", "picture", "groups"}
+        entries: dict[str, type] = {
+            "method": MethodEntry,
+            "dataset": DatasetEntry,
+            "table": TableEntry,
+            "picture": PictureEntry,
+        }
+        known = {*entries, "title", "note", "protocol", "variables", "groups"}
         if unknown := set(data) - known:
             raise EvalError(f"{path}: unknown {sorted(unknown)}; known are {sorted(known)}")
         try:
-            return cls(
-                methods=[_entry(MethodEntry, d, "method") for d in data.get("method", [])],
-                datasets=[_entry(DatasetEntry, d, "dataset") for d in data.get("dataset", [])],
-                title=data.get("title", "Evaluation"),
-                note=data.get("note", ""),
-                protocol=Protocol.from_dict(data.get("protocol", {})),
-                tables=[_entry(TableEntry, d, "table") for d in data.get("table", [])],
-                pictures=[_entry(PictureEntry, d, "picture") for d in data.get("picture", [])],
-                variables=data.get("variables", {}),
-                groups=data.get("groups", {}),
-            )
+            for key, kind in entries.items():
+                data[f"{key}s"] = [_entry(kind, d, key) for d in data.pop(key, [])]
+            data["protocol"] = Protocol.from_dict(data.get("protocol", {}))
+            return cls(**data)
         except EvalError as error:
             raise EvalError(f"{path}: {error}") from error
 
 
-def _entry(kind: type[T], data: Mapping[str, Any], what: str) -> T:
-    known = [f.name for f in fields(kind)]  # type: ignore[arg-type]
+def _entry(kind: type, data: Mapping[str, Any], what: str) -> Any:
+    known = [f.name for f in fields(kind)]
     if unknown := set(data) - set(known):
         raise EvalError(f"{what} {dict(data)}: unknown {sorted(unknown)}; known are {known}")
     try:

@@ -1,4 +1,4 @@
-"""``${NAME}`` in a suite's texts: a variable of the environment, or else one of the suite's own."""
+"""``${NAME}`` in a suite's texts: an environment variable, or else one of the suite's own."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def expand(text: str, own: Mapping[str, str]) -> str:
 
 
 def origin(text: str, own: Mapping[str, str]) -> str:
-    """What each ``${NAME}`` of `text` is and who says so, in brackets behind a space; "" where there is none."""
+    """What each ``${NAME}`` of `text` means and who says so, in brackets after a space; "" where there is none."""
     found = []
     for name in dict.fromkeys(_VARIABLE.findall(text)):
         if name in os.environ:

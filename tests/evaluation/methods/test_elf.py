@@ -1,9 +1,8 @@
-"""ELF models as methods, on the small test model; and that the evaluation needs neither torch nor onnx."""
+"""ELF models as methods, on the small test model."""
 
 from __future__ import annotations
 
-import subprocess
-import sys
+import shutil
 from pathlib import Path
 
 import cv2
@@ -14,8 +13,21 @@ from elf_eval.data.images import ImageRef
 from elf_eval.errors import EvalError
 from elf_eval.methods import open_method, open_methods
 from elf_eval.protocol import Protocol
-from elf_eval.run.jobs import ExtractJob, run_extract
+from elf_eval.run.extraction import Extraction, extract_features
 from elf_runtime import ElfRuntime
+from elf_runtime.model.bundled import bundled_model
+
+
+def test_the_bundled_model_by_precision(tmp_path):
+    prints = {p: open_method(f"elf?precision={p}", 1).fingerprint for p in ("fp32", "int8")}
+    assert open_method("elf", 1).fingerprint == prints["int8"] != prints["fp32"]
+    copy = shutil.copy(bundled_model("fp32"), tmp_path / "copy.onnx")
+    assert open_method(f"elf:{copy}", 1).fingerprint == prints["fp32"]
+    with pytest.raises(EvalError, match=r"precision=fp8.*fp32, int8"):
+        open_method("elf?precision=fp8", 1)
+    with pytest.raises(EvalError, match="unknown options"):
+        open_method(f"elf:{copy}?precision=fp32", 1)
+
 
 _ROOT = Path(__file__).parents[3]
 
@@ -26,11 +38,6 @@ def model():
     if not path.is_file():
         pytest.skip("no tests/data/tiny.onnx")
     return path
-
-
-@pytest.fixture
-def image(photo_file):
-    return ImageRef("photo.png", photo_file).open(None)
 
 
 def test_an_elf_model_gives_what_its_runtime_gives(model, image):
@@ -70,19 +77,9 @@ def test_a_file_that_is_no_elf_model_is_named(tmp_path):
         open_method(f"elf:{tmp_path / 'none.onnx'}")
 
 
-def test_the_evaluation_needs_neither_torch_nor_onnx():
-    code = (
-        "import sys, elf_eval.command.main, elf_eval.report.plots; "
-        "bad = {'torch', 'onnx', 'onnxscript', 'elf_export', 'matplotlib', 'h5py'} & sys.modules.keys(); "
-        "assert not bad, bad"
-    )
-    paths = ":".join(str(_ROOT / part) for part in ("runtime", "evaluation"))
-    subprocess.run([sys.executable, "-c", code], env={"PYTHONPATH": paths}, check=True)
-
-
 def test_an_image_that_the_model_refuses_is_named(model, tmp_path):
     cv2.imwrite(str(tmp_path / "small.png"), np.zeros((16, 16, 3), np.uint8))
     ref = ImageRef("small", tmp_path / "small.png")
-    job = ExtractJob(f"elf:{model}", None, 1, ref, Protocol(size=None), tmp_path)
+    job = Extraction(f"elf:{model}", None, 1, ref, Protocol(size=None), tmp_path)
     with pytest.raises(EvalError, match="small: the image has 16x16 pixels"):
-        run_extract(job)
+        extract_features(job)

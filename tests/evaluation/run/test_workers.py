@@ -113,12 +113,12 @@ def test_workers_end_with_their_parent(command, tmp_path, ending):
 
 TIMED = """
 from pathlib import Path
-from elf_eval.bench.separate import Alone
+from elf_eval.bench.method_process import MethodProcess
 from elf_eval.data.images import ImageRef
 
 if __name__ == "__main__":
     detector = "plugin:slow_method.Slow?pids={pids}&seconds=60"
-    with Alone(detector, None, ImageRef("photo.png", Path("{photo}")), None, 10, 1) as method:
+    with MethodProcess(detector, None, ImageRef("photo.png", Path("{photo}")), None, 10, 1) as method:
         method.run()
 """
 

@@ -24,9 +24,11 @@ from elf_export.sources.weights.load import load_weights
 from elf_runtime import ElfRuntime, preset
 from elf_runtime.model.session import open_session
 from helpers import ROOT, shared, textured
+from network_row import network_rows
 from seeded import Tensors, evaluator64, seeded_weights
 
 NAMES = [name for name in network_names() if name != "vgg"]  # VGG has its own tests, with real weights
+ROWS = network_rows()
 
 
 def built(network: Network, layers: list[str], seed: int = 0) -> torch.nn.Module:
@@ -39,62 +41,26 @@ def own_descriptors(network: Network) -> list[str]:
 
 # -- architecture ------------------------------------------------------------------------------------------
 
-# Parameters without a classifier: the published totals less the dense layers (SuperPoint: less its detector
-# head); Caffe's AlexNet by its convolutions.
-PARAMETERS = {
-    "alexnet": 34_944 + 307_456 + 885_120 + 663_936 + 442_624,
-    "alexnet_torchvision": 61_100_840 - 37_752_832 - 16_781_312 - 4_097_000,
-    "superpoint": 1_300_865 - 311_873,
-    "squeezenet": 1_235_496 - 513_000,
-    "resnet18": 11_689_512 - 513_000,
-    "mobilenet_v2": 3_504_872 - 1_281_000,
-    "mobilenet_v3_small": 2_542_856 - 1_615_848,
-    "efficientnet_lite0": 4_652_008 - 1_281_000,
-}
 
-
-@pytest.mark.parametrize("name", PARAMETERS)
+@pytest.mark.parametrize("name", [name for name, row in ROWS.items() if row.parameters])
 def test_parameter_counts_are_the_published_ones(name: str) -> None:
     network = get_network(name)
     shapes = network.tensor_shapes(network.layers)
     trained = [np.prod(shape) for name, shape in shapes.items() if ".running_" not in name]
-    assert sum(trained) == PARAMETERS[name]
+    assert sum(trained) == ROWS[name].parameters
 
 
-# Input size, and the maps that the papers or the original frameworks state for it.
-SHAPES = [
-    (
-        "alexnet",
-        227,
-        {"conv1": (96, 55, 55), "pool1": (96, 27, 27), "pool2": (256, 13, 13), "pool5": (256, 6, 6)},
-    ),
-    ("alexnet_torchvision", 224, {"pool1": (64, 27, 27), "pool2": (192, 13, 13), "pool5": (256, 6, 6)}),
-    (
-        "xception",
-        299,
-        {"block1-conv2": (64, 147, 147), "block2": (128, 74, 74), "block4-pool": (728, 19, 19)},
-    ),
-    ("superpoint", 240, {"conv1a": (64, 240, 240), "relu4b": (128, 30, 30), "desc": (256, 30, 30)}),
-    ("lfnet", 64, {"block2-conv": (16, 64, 64), "block2-bn": (16, 64, 64), "block3": (16, 64, 64)}),
-    ("squeezenet", 224, {"pool1": (64, 55, 55), "pool3": (128, 27, 27), "fire9": (512, 13, 13)}),
-    ("resnet18", 224, {"maxpool": (64, 56, 56), "layer2.1": (128, 28, 28), "layer4.1": (512, 7, 7)}),
-    (
-        "mobilenet_v2",
-        224,
-        {"features.3": (24, 56, 56), "features.6": (32, 28, 28), "features.18": (1280, 7, 7)},
-    ),
-    ("mobilenet_v3_small", 224, {"features.1": (16, 56, 56), "features.12": (576, 7, 7)}),
-    ("efficientnet_lite0", 224, {"blocks.1.1": (24, 56, 56), "head": (1280, 7, 7)}),
-    ("sobel", 40, {"magnitude": (1, 40, 40)}),
-]
-
-
-@pytest.mark.parametrize(("name", "size", "maps"), SHAPES, ids=[row[0] for row in SHAPES])
-def test_maps_have_the_published_sizes(name: str, size: int, maps: dict[str, tuple[int, ...]]) -> None:
-    network = get_network(name)
+@pytest.mark.parametrize("name", [name for name, row in ROWS.items() if row.maps])
+def test_maps_have_the_published_sizes(name: str) -> None:
+    network, maps, size = get_network(name), ROWS[name].maps, ROWS[name].input_size
     module = built(network, list(maps)).to("meta")  # shapes without numbers
     found = module(torch.zeros(1, network.preprocessing.channels, size, size, device="meta"))
     assert {layer: tuple(f.shape[1:]) for layer, f in zip(maps, found, strict=True)} == maps
+
+
+def test_every_network_has_its_row_and_is_called_as_its_file() -> None:
+    assert list(ROWS) == NAMES
+    assert [get_network(name).name for name in network_names()] == network_names()
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -131,21 +97,11 @@ def test_the_exported_file_agrees_with_autograd(tmp_path: Path, name: str) -> No
     assert found.descriptors.shape[0] == len(found) > 0
 
 
-# SuperPoint, LF-Net, Xception and AlexNet at the other layers that the paper speaks of.
-OTHER_LAYERS = [
-    ("superpoint", "relu1a"),
-    ("superpoint", "pool1"),
-    ("lfnet", "block2-conv"),
-    ("xception", "block2-conv1-bn"),
-    ("xception", "block2"),
-    ("xception", "block3-pool"),
-    ("alexnet", "pool2"),
-    ("squeezenet", "fire5"),
-]
-SMALL = [(name, get_network(name).default_layer) for name in NAMES] + OTHER_LAYERS
+# The networks of the paper at the other layers that it speaks of, too.
+LAYERS = [(name, layer) for name in NAMES for layer in (get_network(name).default_layer, *ROWS[name].other_layers)]
 
 
-@pytest.mark.parametrize(("name", "layer"), SMALL)
+@pytest.mark.parametrize(("name", "layer"), LAYERS)
 def test_the_same_graph_in_float64_is_exact(name: str, layer: str) -> None:
     network = get_network(name)
     settings = network.preprocessing
@@ -179,19 +135,7 @@ def test_image_gradients_are_opencv_s(kind: str) -> None:
 
 # -- geometry ----------------------------------------------------------------------------------------------
 
-# A global pool makes every cell of MobileNetV3 see the whole image.
-GEOMETRIES = [
-    ("alexnet", "pool2", (120, 136)),
-    ("alexnet_torchvision", "pool1", (120, 136)),
-    ("xception", "block2-conv1", (120, 136)),
-    ("xception", "block2-pool", (120, 136)),
-    ("xception", "block3", (121, 137)),
-    ("superpoint", "relu4b", (160, 168)),
-    ("squeezenet", "fire4", (120, 136)),
-    ("resnet18", "layer2.0", (160, 192)),
-    ("mobilenet_v2", "features.3", (120, 136)),
-    ("efficientnet_lite0", "blocks.1.1", (120, 136)),
-]
+GEOMETRIES = [(name, *where) for name, row in ROWS.items() for where in row.geometry]
 
 
 @pytest.mark.parametrize(("name", "layer", "size"), GEOMETRIES)
@@ -265,18 +209,10 @@ def test_what_two_networks_have_in_common_is_computed_once(tmp_path: Path) -> No
 
 # -- real weights ------------------------------------------------------------------------------------------
 
-REAL = {
-    "alexnet": "alexnet_caffe_conv_8bit.npz",
-    "alexnet_plain": "alexnet_caffe_conv_8bit.npz",
-    "xception": "xception_imagenet_entry_flow.npz",
-    "superpoint": "superpoint_v1_encoder_descriptor.npz",
-    "squeezenet": "squeezenet1_1_imagenet_keras.npz",
-}
 
-
-@pytest.mark.parametrize("name", REAL)
+@pytest.mark.parametrize("name", [name for name, row in ROWS.items() if row.weights])
 def test_real_weights_are_recognised_and_agree_with_autograd(tmp_path: Path, name: str) -> None:
-    file = shared("weights", REAL[name])
+    file = shared("weights", str(ROWS[name].weights))
     network = get_network(name)
     result = export_network(name, None, own_descriptors(network), tmp_path / "a.onnx", weights=file)
     assert all(check.passed for check in result.checks)
@@ -425,6 +361,6 @@ def test_squeezenet_under_torchvision_s_names_takes_rgb() -> None:
 
 def test_without_pytorch_only_pytorch_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
-    monkeypatch.delitem(sys.modules, "elf_export.sources.networks.resnet", raising=False)
+    monkeypatch.delitem(sys.modules, "elf_export.sources.networks.resnet18", raising=False)
     with pytest.raises(ExportError, match=r"^--net resnet18 is built with PyTorch: pip install torch \(the CPU build"):
         get_network("resnet18")

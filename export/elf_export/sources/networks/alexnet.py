@@ -1,8 +1,7 @@
 """AlexNet.  Krizhevsky, Sutskever, Hinton, "ImageNet classification with deep convolutional networks", 2012.
 
-Three of them: ``alexnet`` is Caffe's (96 filters, convolutions in two groups) with its local response
-normalisation before the pools; ``alexnet_plain`` is the same without it; ``alexnet_torchvision`` is the
-one-tower network of "One weird trick" (2014) that torchvision carries.
+This is Caffe's: 96 filters, convolutions in two groups, and local response normalisation before the pools.
+``alexnet_plain`` is the same without the normalisation, ``alexnet_torchvision`` another network.
 
 Layers: ``convI`` before its ReLU, ``reluI`` behind it, ``normI`` behind the normalisation, ``poolI``.
 Windows that reach over the image's end are left out, where Caffe keeps them.
@@ -11,7 +10,6 @@ Windows that reach over the image's end are left out, where Caffe keeps them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,12 +19,10 @@ from torch.nn import functional as F
 
 from elf_export.preprocessing import Preprocessing
 from elf_export.sources.weights.fit import fit_chain
-from elf_export.sources.weights.sources import Download
 
-from .architecture import Architecture, Conv, Maps, Part
-from .known import CAFFE_ALEXNET_8BIT
-from .onnx_ops import local_response_norm
-from .registry import Network
+from .parts.architecture import Architecture, Conv, Maps, Part
+from .parts.network import Network
+from .parts.onnx_ops import local_response_norm
 
 POOLED = (1, 2, 5)
 NORMALIZED = (1, 2)
@@ -37,13 +33,6 @@ CAFFE = {
     "conv3": Conv(256, 384, 3, padding=1),
     "conv4": Conv(384, 384, 3, padding=1, groups=2),
     "conv5": Conv(384, 256, 3, padding=1, groups=2),
-}
-TORCHVISION = {
-    "conv1": Conv(3, 64, 11, stride=4, padding=2),
-    "conv2": Conv(64, 192, 5, padding=2),
-    "conv3": Conv(192, 384, 3, padding=1),
-    "conv4": Conv(384, 256, 3, padding=1),
-    "conv5": Conv(256, 256, 3, padding=1),
 }
 
 
@@ -82,8 +71,15 @@ def fit_bgr(
 
 
 _CAFFE = Architecture(CAFFE, normalized)
-_PLAIN = Architecture(CAFFE, plain)
-_TORCHVISION = Architecture(TORCHVISION, plain)
+
+# Caffe's AlexNet, its kernels rounded to multiples of 1/128.
+KNOWN = {
+    "conv1": "a7ddd9d54427221cd1bdde7a75b7ed4182bd9ce90a35852bf6732c30f6c5eeef",
+    "conv2": "3c6450378ec417684cbd87fcc669bb108bad3cff69f1b67ab56531869d9fd6e0",
+    "conv3": "a9720e2cc9fb6a0a0c12498153298434d5beff49f9676c5615d7bd5c755f205a",
+    "conv4": "5f8ddf6d6553a9a7b00e3e0a35e0787a2cfc646e403a5fcf739104ef0a187aec",
+    "conv5": "dca24722f65af3986efd1cc17d27163d5990af0f831906483d7be68c5131a21e",
+}
 
 NETWORK = Network(
     name="alexnet",
@@ -96,35 +92,8 @@ NETWORK = Network(
     fit=fit_bgr,
     source_title="AlexNet of the Caffe model zoo (ImageNet), 8-bit kernels",
     licence="research use",
-    known=CAFFE_ALEXNET_8BIT,
+    known=KNOWN,
     hint="Caffe's bvlc_alexnet, its convolutions conv1 to conv5 saved as .npz or .onnx",
     preprocessing=Preprocessing(color="bgr", standardize=True),
     trained_with=Preprocessing(color="bgr", standardize=False, mean=(104.0, 117.0, 123.0)),
-)
-
-PLAIN = replace(
-    NETWORK,
-    name="alexnet_plain",
-    title="AlexNet, Caffe's, without normalisation",
-    layers=_PLAIN.layers,
-    build=_PLAIN.build,
-    tensor_shapes=_PLAIN.tensor_shapes,
-)
-
-ONE_TOWER = replace(
-    PLAIN,
-    name="alexnet_torchvision",
-    title="AlexNet, torchvision's",
-    layers=_TORCHVISION.layers,
-    build=_TORCHVISION.build,
-    tensor_shapes=_TORCHVISION.tensor_shapes,
-    source_title="torchvision's AlexNet (ImageNet)",
-    licence="BSD-3-Clause",
-    known={},
-    trained_with=None,
-    sources=(
-        # The file's name carries the beginning of its SHA-256, as all of torchvision's do.
-        Download("https://download.pytorch.org/models/alexnet-owt-7be5be79.pth", "7be5be79"),
-    ),
-    hint="",
 )

@@ -28,8 +28,8 @@ from torch.nn import functional as F
 from elf_export.preprocessing import Preprocessing
 from elf_export.sources.weights.fit import shaped
 
-from .architecture import Architecture, Conv, Maps, Norm, Part
-from .registry import Network
+from .parts.architecture import Architecture, Conv, Maps, Norm, Part
+from .parts.network import Network
 
 CHANNELS, KERNEL, SLOPE, EPS = 16, 5, 0.2, 1e-3
 BLOCKS = (1, 2, 3)

@@ -13,8 +13,8 @@ from elf_export.preprocessing import Preprocessing
 from elf_export.sources.weights.fit import fit_named
 from elf_export.sources.weights.sources import Download
 
-from .architecture import Architecture, Conv, Maps, Norm, Part
-from .registry import Network
+from .parts.architecture import Architecture, Conv, Maps, Norm, Part
+from .parts.network import Network
 
 # (expansion, channels, blocks, stride of the first): table 2 of the paper
 TABLE = (

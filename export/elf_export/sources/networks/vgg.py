@@ -16,7 +16,7 @@ from elf_export.sources.weights.fingerprint import fingerprint
 from elf_export.sources.weights.fit import fit_chain
 from elf_export.sources.weights.sources import Download, Wheel
 
-from .registry import Network, Tensors
+from .parts.network import Network, Tensors
 
 if TYPE_CHECKING:
     import torch

@@ -19,10 +19,9 @@ from elf_export.preprocessing import Preprocessing
 from elf_export.sources.weights.fit_keras import fit_keras
 from elf_export.sources.weights.sources import Download, Wheel
 
-from .architecture import Architecture, Conv, Maps, Norm, Part
-from .known import KERAS_XCEPTION
-from .onnx_ops import same_max_pool
-from .registry import Network
+from .parts.architecture import Architecture, Conv, Maps, Norm, Part
+from .parts.network import Network
+from .parts.onnx_ops import same_max_pool
 
 # residual block -> (inputs, channels)
 BLOCKS = {2: (64, 128), 3: (128, 256), 4: (256, 728)}
@@ -81,6 +80,38 @@ def fit(
     return fit_keras(tensors, shapes, list(_ARCHITECTURE.parts))
 
 
+# Keras Applications' Xception.
+KNOWN = {
+    "block1_conv1": "3343d9e91fa1d08502e04b218794a47f82934771a60fc5feda60591d03eb76ea",
+    "block1_conv1_bn": "2e6237633c4604937316baa550b659e64f3fde1e44d2bb05a483f7bfd7add49e",
+    "block1_conv2": "814a02686b1089611b324b423e0a5cdf8499af806b880b7d3ac97b034e0874cf",
+    "block1_conv2_bn": "f416fc98b86dd48084655a4d23660769df072ad8bcdaf6b4a4e16b258df8f834",
+    "block2_sepconv1.depthwise": "6195070bd4af54d4077cef5dea81be90c435a8bda0a57dff32f05f5514c0d677",
+    "block2_sepconv1.pointwise": "0be3c58eddf322af058a787b908283c22ce12ddabd314efc8057ba9db98bb33f",
+    "block2_sepconv1_bn": "67cbb0c1baa712ed42ccf5269845fb25775ec44ca634d2ad8b85e6f9f34af44e",
+    "block2_sepconv2.depthwise": "420e1b7d808ef3234f387b30d62da0926f08d1156ab0f91bf50c3318839f128f",
+    "block2_sepconv2.pointwise": "265917de449de78f47e9623e8165cc244ec88806fa7f4797220fc0b70a5ab421",
+    "block2_sepconv2_bn": "e999d4cc4c778153403640d9216636ab3a5f09bc7b0b8b1a8525a91da25ea246",
+    "block2_residual": "45a815d9a4360177d7c73d3f5306875e7332d2ccf57b6c0fadd47868da1a6cdc",
+    "block2_residual_bn": "fb4273c55f7b87d704395de4fb5f80668b3f1bde3bed3a47608586c13f6660a4",
+    "block3_sepconv1.depthwise": "63bf264bd738524bbe32f9928a8a154d7ba13d76e0c6bac6c66ed6bc7274ab88",
+    "block3_sepconv1.pointwise": "eb6e8f7bad5c3e5875077bf6c8acbdc104a4b47d6ee1041c67baaead12b6d8ac",
+    "block3_sepconv1_bn": "ca9cd00904c87069fa720edb8afec9819586dc6fbeb3e13ae2295b91d86f76e3",
+    "block3_sepconv2.depthwise": "9bbd27a221264b137de205899e55735c2c6db78ebbc8f9f3b51d1662087b5122",
+    "block3_sepconv2.pointwise": "b4d3178131ad9b95f31de22e4e43866d413fad55b1ab4412f84e034bdad098b4",
+    "block3_sepconv2_bn": "034816b74f3cdbda772b82e756ecf12cdc2e2b8b0134c4de39ea4a33a1b23e63",
+    "block3_residual": "8f4912457bbb6dc31a435efc808898a9e272125803af1baecd6ab5d9193103aa",
+    "block3_residual_bn": "5e31eb38ea9d8879217c944bf7870160dd58451afe7725e6f4734401e6e375dc",
+    "block4_sepconv1.depthwise": "82419bd8981cd9191808d63f165e17f0acfce22d05d832ddcdf6fd9e6ee6bbfe",
+    "block4_sepconv1.pointwise": "6f57873185ca4b4a0831c3623920f74b89e7e45574d9eb24ea59c239deae83dd",
+    "block4_sepconv1_bn": "244017ce55ff48ffdc810e5abeb7e33f59bcd4b13d6983e1719ed81df8570830",
+    "block4_sepconv2.depthwise": "a4f40fe00d150d7b5521d2cad6a789704db06fc583ae68061af81b8cf8771e09",
+    "block4_sepconv2.pointwise": "5be92fda2b0f18d0e630851dbf455f51d223654d034a118e154c7f90071ac097",
+    "block4_sepconv2_bn": "f3ece887d786110f75e6b0186667706f76a152103a7a8260e95ac854cf7f2097",
+    "block4_residual": "4baa9898d17298e727950ef7b026d6a392709ed01d34e97a06c36b5bbb5c15f7",
+    "block4_residual_bn": "1209f385ec216d1a262e8a1d0d53c206c6bda9bf45d735ec0b3f089b23fc3d2c",
+}
+
 NETWORK = Network(
     name="xception",
     title="Xception, entry flow",
@@ -92,7 +123,7 @@ NETWORK = Network(
     fit=fit,
     source_title="Xception of Keras Applications (ImageNet)",
     licence="MIT (Keras Applications)",
-    known=KERAS_XCEPTION,
+    known=KNOWN,
     sources=(
         # Keras publishes this MD5; the fingerprints above prove the tensors.
         Download(

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_export.errors import WeightsError
-from elf_export.sources.networks.registry import Network
+from elf_export.sources.networks.parts.network import Network
 from elf_runtime.files.write import write_atomically
 from elf_runtime.model import bundled_model
 

@@ -1,0 +1,33 @@
+"""``elf-eval report``: the page of a results file, again."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+from elf_eval.report.page import write_report
+from elf_eval.run.results import Results
+from elf_eval.suite.suite import Suite
+
+from .options import Subcommands
+from .outputs import check_folder, say_written
+
+
+def add_parser(commands: Subcommands) -> None:
+    parser = commands.add_parser("report", help="tables, plots and page of a results file, again")
+    parser.add_argument("results", help="results.json of elf-eval run")
+    parser.add_argument("--suite", help="its title, notes, tables and rows of the paper")
+    parser.add_argument("--out", help="by default the folder of the results")
+    parser.set_defaults(action=_report)
+
+
+def _report(args: argparse.Namespace) -> None:
+    results, out = Results.load(Path(args.results)), Path(args.out or Path(args.results).parent)
+    pictures = sorted((out / "pictures").glob("*.jpg"))
+    suite = Suite.load(Path(args.suite)) if args.suite else None
+    page = (suite.title, suite.note, suite.tables) if suite else ("Evaluation", "", [])
+    rows = {entry.name: entry.paper for entry in suite.methods} if suite else {}
+    results = replace(results, methods=[{**m, "paper": rows.get(m["name"], m["paper"])} for m in results.methods])
+    check_folder(out)
+    say_written(out, write_report(results, out, *page, args.command_line, pictures))

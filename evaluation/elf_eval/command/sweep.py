@@ -1,0 +1,42 @@
+"""``elf-eval sweep``: settings that are chosen on some scenes and reported on the others."""
+
+from __future__ import annotations
+
+import argparse
+
+from elf_eval.protocol import Protocol
+from elf_eval.report.sweep import sweep_table
+from elf_eval.run.sweep import sweep
+from elf_eval.suite.grid import grid_methods, parse_grid
+
+from .options import Subcommands, add_protocol, add_resources, natural, positive, protocol, resources
+
+
+def add_parser(commands: Subcommands) -> None:
+    parser = commands.add_parser("sweep", help="choose settings on some scenes, report on the others")
+    parser.add_argument(
+        "--model", action="append", required=True, help="elf:FILE.onnx[?...]; one for each layer to try"
+    )
+    parser.add_argument(
+        "--grid",
+        action="append",
+        default=[],
+        help="SETTING=VALUE/VALUE/..., e.g. denoise=5,5/5,2; ranges are FROM..TO[..STEP]: denoise=3..21..2,4..13",
+    )
+    parser.add_argument("--dataset", required=True, help="kind:FOLDER[?option=value&...]")
+    parser.add_argument("--tune", help="comma-separated scenes to choose on; by default every second one")
+    parser.add_argument("--metric", default="ms", help="what to choose by (%(default)s)")
+    parser.add_argument("--top", type=positive, default=5, help="report so many (%(default)s)")
+    parser.add_argument("--limit", type=positive, help="try only so many settings, drawn at random")
+    parser.add_argument("--seed", type=natural, default=0, help="of the draw (%(default)s)")
+    add_protocol(parser)
+    add_resources(parser)
+    parser.set_defaults(action=_sweep)
+
+
+def _sweep(args: argparse.Namespace) -> None:
+    texts = grid_methods(args.model, parse_grid(args.grid), args.limit, args.seed)
+    tune = args.tune.split(",") if args.tune else None
+    found = sweep(texts, args.dataset, args.metric, args.top, protocol(args, Protocol()), resources(args), tune)
+    print(f"{len(texts)} settings; the last line is the reference of the gain")
+    print(sweep_table(found, args.metric))

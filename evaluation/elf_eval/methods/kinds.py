@@ -1,0 +1,68 @@
+"""The kinds of methods by name, and plugins."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+from elf_eval.errors import EvalError
+from elf_eval.spec import Spec
+
+from .elf import Elf
+from .gradient import Gradient
+from .method import Composed, Method
+from .opencv import OPENCV, OpenCv
+from .precomputed import Precomputed
+from .xfeat import XFeat
+
+Factory = Callable[[Spec, int | None], Method]
+
+METHODS: Mapping[str, Factory] = MappingProxyType(
+    {
+        "elf": Elf,
+        "sobel": Gradient,
+        "laplacian": Gradient,
+        "npz": Precomputed,
+        "h5": Precomputed,
+        "xfeat": XFeat,
+        **dict.fromkeys(OPENCV, OpenCv),
+    }
+)
+
+
+def open_method(text: str, threads: int | None = None) -> Method:
+    """The method that a text such as ``elf:vgg.onnx?preset=paper`` names.
+
+    ``plugin:package.module.factory?...`` calls ``factory(spec, threads)`` of a module that can be imported.  The
+    factory takes its options from the spec (`Spec.take`) and returns a `Method`.
+
+    Raises
+    ------
+    EvalError
+        On an unknown kind or option, a missing file, or a library that lacks the method.
+    """
+    spec = Spec.parse(text)
+    factory = _plugin(spec) if spec.kind == "plugin" else METHODS.get(spec.kind)
+    if factory is None:
+        raise EvalError(f"{text}: unknown method {spec.kind!r}; known are {sorted(METHODS)} and plugin:...")
+    method = factory(spec, threads)
+    spec.finish()
+    return method
+
+
+def open_methods(detector: str, descriptor: str | None = None, threads: int | None = None) -> Method:
+    """A detector with its own descriptors, or with those of another method where `descriptor` names one."""
+    first = open_method(detector, threads)
+    if descriptor is None or descriptor == detector:
+        return first
+    return Composed(first, open_method(descriptor, threads))
+
+
+def _plugin(spec: Spec) -> Factory:
+    module, _, name = spec.argument.rpartition(".")
+    try:
+        factory: Factory = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise EvalError(f"{spec.text}: can't import {spec.argument!r}: {error}") from error
+    return factory

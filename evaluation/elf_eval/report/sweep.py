@@ -1,0 +1,27 @@
+"""A sweep's table, as plain text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from elf_eval.metrics.families import is_share
+from elf_eval.metrics.intervals import Difference, Estimate
+from elf_eval.run.sweep import Trial
+
+
+def sweep_table(found: Sequence[Trial], metric: str) -> str:
+    """A line for each trial, with shares in percent."""
+    lines = [f"{metric:>7} chosen  held out [95 %]        gain [95 %]             keypoints  method"]
+    by = 100.0 if is_share(metric) else 1.0
+    for t in found:
+        held = f"{by * t.held_out.mean:5.1f} {_interval(by, t.held_out, '.0f')}"
+        gain = f"{by * t.gain.mean:+5.1f} {_interval(by, t.gain, '+.1f')}"
+        count = f"{t.count.mean:.0f} ({t.count.least})"
+        lines.append(f"{by * t.tuned.mean:14.1f}  {held:22}  {gain:22}  {count:9}  {t.text}")
+    return "\n".join(lines)
+
+
+def _interval(by: float, of: Estimate | Difference, digits: str) -> str:
+    """In brackets; nothing for a single scene, which has no interval."""
+    return "" if math.isnan(of.low) else f"[{by * of.low:{digits}}, {by * of.high:{digits}}]"

@@ -1,0 +1,93 @@
+"""Evaluation: which pairs of features a run measures, and what a worker does with one of them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from elf_eval.data import Dataset, Pair
+from elf_eval.data.images import ImageRef
+from elf_eval.errors import EvalError
+from elf_eval.features import ImageFeatures
+from elf_eval.fingerprint import code_digest
+from elf_eval.metrics.family import Record
+from elf_eval.metrics.pair import CODE, pair_metrics, rounded
+from elf_eval.protocol import Protocol
+
+from .cache import load
+from .extraction import CachedFeatures
+
+
+@dataclass(frozen=True)
+class PairEvaluation:
+    """One method on one pair, as plain data that can be sent to another process.
+
+    Attributes
+    ----------
+    first, second : Path
+        The cached features.
+    limits : (int, int)
+        How many of each image's features are used: the strongest.
+    key : str
+        Digest of all that the metrics depend on.
+    """
+
+    pair: Pair
+    method: str
+    counts: str
+    first: Path
+    second: Path
+    limits: tuple[int, int]
+    protocol: Protocol
+    key: str
+
+
+def evaluate_pair(evaluation: PairEvaluation) -> Record:
+    """The pair's metrics, from the cached features alone."""
+    first, second = (_load(path) for path in (evaluation.first, evaluation.second))
+    limit1, limit2 = evaluation.limits
+    pair = evaluation.pair
+    try:
+        return rounded(pair_metrics(first.first(limit1), second.first(limit2), pair.truth, evaluation.protocol))
+    except EvalError as error:
+        raise EvalError(f"{pair.name}: {error}") from error
+
+
+def _load(path: Path) -> ImageFeatures:
+    found = load(path)
+    if found is None:
+        raise EvalError(f"{path}: cached features are gone; run again")
+    return found
+
+
+def pair_evaluations(
+    protocol: Protocol,
+    dataset: Dataset,
+    methods: list[str],
+    features: Mapping[tuple[str, ImageRef], CachedFeatures],
+) -> Iterator[PairEvaluation]:
+    """One for each pair, way of counting and method, in that order.
+
+    Parameters
+    ----------
+    features : mapping
+        By method and image.
+    """
+    settings = json.dumps([protocol.to_dict() | {"counts": None, "count_floor": None}, code_digest(*CODE)])
+    for pair in dataset.pairs:
+        refs = (pair.first, pair.second)
+        for counts in protocol.counts:
+            for method in methods:
+                first, second = (features[method, ref] for ref in refs)
+                limit1, limit2 = (
+                    max(protocol.count_floor, min(features[m, ref].count for m in methods))
+                    if counts == "equal"
+                    else protocol.max_keypoints
+                    for ref in refs
+                )
+                parts = [settings, first.digest, second.digest, [limit1, limit2], pair.truth.identity()]
+                key = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+                yield PairEvaluation(pair, method, counts, first.path, second.path, (limit1, limit2), protocol, key)

@@ -1,0 +1,51 @@
+"""`elf-eval sweep`."""
+
+from __future__ import annotations
+
+import pytest
+from command_line import error_of
+
+from elf_eval.command.main import main
+
+
+def test_sweep_chooses_on_some_scenes_and_reports_on_others(hpatches_folder, tmp_path, capsys):
+    grid = ["--grid", "nms_radius=4/10", "--grid", "denoise=3,1/5,5"]
+    where = ["--dataset", f"hpatches:{hpatches_folder}", "--metric", "rep", "--size", "160x120", "--top", "2"]
+    rest = ["--cache", str(tmp_path / "c"), "--quiet"]
+    assert main(["sweep", "--model", "sobel", *grid, *where, *rest]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("5 settings")
+    assert len(lines) == 2 + 3
+    assert lines[-1].endswith("sobel")
+    assert main(["sweep", "--model", "sobel", "--grid", "speed=3", *where, *rest]) == 1
+    assert "unknown setting 'speed'" in capsys.readouterr().err
+
+
+def test_sweeps_count_the_settings_of_a_range(hpatches_folder, tmp_path, capsys):
+    grid = ["--grid", "nms_radius=4..6", "--grid", "denoise=3..5..2,1..2"]
+    where = ["--dataset", f"hpatches:{hpatches_folder}", "--metric", "rep", "--size", "160x120", "--top", "2"]
+    assert main(["sweep", "--model", "sobel", *grid, *where, "--cache", str(tmp_path / "c"), "--quiet"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("13 settings")
+    assert "nan" not in "".join(lines)
+
+
+@pytest.mark.parametrize("metric", ["foo", "pose_auc@5"])
+def test_a_sweep_checks_its_metric_before_any_work(metric, hpatches_folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("elf_eval.run.sweep.run", lambda *_, **__: pytest.fail("evaluated"))
+    where = ["--model", "sobel", "--dataset", f"hpatches:{hpatches_folder}", "--cache", str(tmp_path / "c")]
+    (line,) = error_of(["sweep", *where, "--metric", metric], capsys)
+    assert line.startswith(f"unknown metric '{metric}'; a run on hpatches:{hpatches_folder} has n1, n2, ")
+    assert line.endswith("h_inliers, h_auc@1, h_auc@3, h_auc@5")
+
+
+def test_a_sweep_by_a_count_is_no_percentage(hpatches_folder, tmp_path, capsys):
+    where = ["--model", "sobel", "--dataset", f"hpatches:{hpatches_folder}", "--cache", str(tmp_path / "c")]
+    assert main(["sweep", *where, "--metric", "n1", "--size", "160x120", "--quiet"]) == 0
+    assert 1 <= float(capsys.readouterr().out.splitlines()[-1].split()[0]) <= 500
+
+
+def test_a_seed_is_no_negative_number(capsys):
+    with pytest.raises(SystemExit):
+        main(["sweep", "--model", "sobel", "--dataset", "hpatches:x", "--seed=-1"])
+    assert capsys.readouterr().err.endswith("argument --seed: '-1' is not a whole number from 0 on\n")

@@ -1,0 +1,53 @@
+"""Methods by their texts, detectors with other descriptors, and plugins."""
+
+from __future__ import annotations
+
+import pytest
+from scenes import SIZE, check
+
+from elf_eval.errors import EvalError
+from elf_eval.methods import open_method, open_methods
+from elf_eval.methods.opencv import installed
+
+
+def test_describing_others_keypoints_keeps_their_rows(image):
+    detected = open_method("gftt").extract(image, 60)
+    described = open_methods("gftt", "sift").extract(image, 60)
+    assert described.descriptors.shape == (len(described), 128)
+    rows = {tuple(p) for p in detected.keypoints.tolist()}
+    assert {tuple(p) for p in described.keypoints.tolist()} <= rows
+    check(described)
+
+
+def test_a_detector_cannot_describe_and_the_other_way_round(image):
+    with pytest.raises(EvalError, match="mser can't describe"):
+        open_methods("sift", "mser").extract(image, 10)
+    with pytest.raises(EvalError, match="no descriptor of its own"):
+        open_methods("sift", "sobel").extract(image, 10)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("surfboard", "unknown method"),
+        ("elf:nowhere.onnx", "no such file: nowhere.onnx"),
+        ("xfeat", "none given"),
+        ("aliked:nowhere.onnx", "no such file" if installed("aliked") else "has no ALIKED"),
+        ("sobel?preset=none", "unknown preset"),
+        ("sobel?denoise=4,2", "denoise"),
+        ("sobel?denoise=four", "denoise=four"),
+        ("sobel?scale=0.5", "not at scale"),
+        ("plugin:nowhere.make", "can't import"),
+        ("sift?fast", "not name=value"),
+    ],
+)
+def test_a_wrong_text_is_named(text, words):
+    with pytest.raises(EvalError, match=words):
+        open_method(text)
+
+
+def test_a_plugin_takes_its_options(image):
+    method = open_method("plugin:corners.Corners?inset=4")
+    assert method.extract(image, 2).keypoints.tolist() == [[4, 4], [SIZE[0] - 5, 4]]
+    with pytest.raises(EvalError, match="unknown options"):
+        open_method("plugin:corners.Corners?outset=4")

@@ -1,0 +1,14 @@
+"""The protocol's settings."""
+
+from __future__ import annotations
+
+import pytest
+
+from elf_eval.errors import EvalError
+from elf_eval.protocol import Protocol
+
+
+@pytest.mark.parametrize("floor", [-1, 501, 2.5])
+def test_a_floor_that_is_none_is_refused(floor):
+    with pytest.raises(EvalError, match="count_floor is a whole number from 0 to max_keypoints"):
+        Protocol(count_floor=floor)

@@ -1,0 +1,3 @@
+from network_row import NetworkRow
+
+ROW = NetworkRow()
