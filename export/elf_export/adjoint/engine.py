@@ -11,7 +11,7 @@ from __future__ import annotations
 import onnx
 
 from elf_export.errors import LayerError, UnsupportedGraphError, UnsupportedNode
-from elf_export.graph.graph import Graph, captured
+from elf_export.graph.graph import Graph, captured, is_standard
 
 from . import broadcast, phases
 from .gradient import ADJOINT, Part
@@ -22,7 +22,6 @@ from .registry import (
     entry_for,
     has_no_gradient,
     is_floating,
-    is_standard,
     is_straight_through,
     supported_ops,
 )

@@ -18,6 +18,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from elf_export.graph.graph import Array
+from elf_export.graph.windows import Window, window_of
 
 from . import depthwise
 from .emit import step
@@ -25,7 +26,7 @@ from .gradient import Extent, Part, Phases, Rectified
 from .interleave import known_channels, whole
 from .registry import Context, Rule
 from .rules.activation import room
-from .windows import Window, flipped, window_of
+from .spatial import flipped
 
 FEW = 16  # channels of one block of the blocked layout (AVX-512); a convolution to fewer pays for all of them
 PHASES = ((0, 0), (0, 1), (1, 0), (1, 1))
@@ -157,7 +158,7 @@ def conv(ctx: Context, grad: Phases) -> Phases | None:
     weight = ctx.value(node.input[1])
     if weight is None or weight.ndim != 4 or not grad.clean or len(grad.pieces) == 1 or ctx.attrs.get("group", 1) > 1:
         return None
-    window = window_of(ctx, weight.shape[2:])
+    window = window_of(ctx.graph, node, weight.shape[2:])
     if window.begin is None or window.strides != (1, 1) or window.dilations != (1, 1):
         return None
     same_size = all(b + e == k - 1 for b, e, k in zip(window.begin, window.end, window.kernel, strict=True))

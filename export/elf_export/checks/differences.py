@@ -15,7 +15,7 @@ import onnx
 
 from elf_export.errors import VerificationError
 from elf_export.graph.cost import macs
-from elf_export.graph.graph import Graph
+from elf_export.graph.graph import GraphView
 from elf_export.preprocessing import Preprocessing
 from elf_export.saliency import GRADIENT, IMAGE, SALIENCY
 from elf_export.sources.foreign.free_sizes import Sizes, with_sizes
@@ -195,7 +195,7 @@ def _arithmetic(
     its_image = gradient.graph.input[0].name
     lower = in_float32, _in_float32(gradient, GRADIENT, its_image), FLOAT32
     height, width = sizes.near(*FLOAT64.sizes[0])
-    static = Graph(with_sizes(forward, image, Sizes(height, width, 1)))
+    static = GraphView(with_sizes(forward, image, Sizes(height, width, 1)))
     if sum(macs(static)) > AFFORDABLE:
         return lower
     shape = [{"N": 1, "C": image.channels, "H": height, "W": width}[axis] for axis in image.layout]

@@ -14,7 +14,7 @@ from onnxruntime.capi.onnxruntime_pybind11_state import Fail
 from elf_export.adjoint import Context, Gradients, registry, supported_ops
 from elf_export.adjoint.phases import Part, whole
 from elf_export.adjoint.rules import conv, pool
-from elf_export.adjoint.windows import Window
+from elf_export.graph.windows import Window
 
 from . import (
     test_activation,

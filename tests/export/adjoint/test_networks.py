@@ -148,7 +148,7 @@ def test_network(kind: type[nn.Module], opset: int, shapes: list[tuple[int, ...]
     """F^T dF/dI, the layer being its own seed."""
     torch.manual_seed(0)
     module = kind().eval()
-    graph = Graph(fold_constants(exported(module, opset)))
+    graph = fold_constants(Graph(exported(module, opset)))
     gradient = build_adjoint(graph, "y", "x")
     graph.op("Identity", gradient, name="result", outputs=["dx"])
     graph.model.graph.output.append(helper.make_tensor_value_info("dx", 1, ["N", 3, "H", "W"]))

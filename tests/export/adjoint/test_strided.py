@@ -14,8 +14,8 @@ from onnx import TensorProto, helper, numpy_helper
 
 from elf_export.adjoint import build_adjoint
 from elf_export.adjoint.rules import strided
-from elf_export.adjoint.windows import Window
 from elf_export.graph.graph import Graph
+from elf_export.graph.windows import Window
 from elf_export.saliency import SALIENCY, build_saliency
 
 from .test_phases import evaluated

@@ -18,7 +18,7 @@ from onnx.reference import ReferenceEvaluator
 from elf_export import ExportError
 from elf_export.calibration import calibration_set
 from elf_export.checks.float64 import in_double
-from elf_export.graph.graph import Graph, attributes
+from elf_export.graph.graph import Graph, GraphView, attributes
 from elf_export.graph.passes import cut
 from elf_export.precision.int8 import quantize
 from elf_export.precision.int8.candidates import candidates
@@ -219,7 +219,7 @@ def stepwise(
 
 def schemes_of(model: onnx.ModelProto, x: np.ndarray) -> dict[str, Scheme]:
     values, _ = stepwise(model, x)
-    return {name: fitted(values[name].astype(np.float32).ravel()) for name in candidates(model)}
+    return {name: fitted(values[name].astype(np.float32).ravel()) for name in candidates(GraphView(model))}
 
 
 def session(model: onnx.ModelProto, path: Path | None = None, optimized: bool = True) -> onnxruntime.InferenceSession:
@@ -257,7 +257,7 @@ def rounded_values(model: onnx.ModelProto) -> dict[str, Scheme]:
 def network(request: pytest.FixtureRequest) -> tuple[onnx.ModelProto, onnx.ModelProto, np.ndarray]:
     """A float saliency graph, its 8-bit form, and images."""
     model, x = saliency(NETWORKS[request.param]), images()
-    lowered, _ = rewrite(model, schemes_of(model, x))
+    lowered, _ = rewrite(GraphView(model), schemes_of(model, x))
     onnx.checker.check_model(lowered, full_check=True)
     return model, lowered, x
 
@@ -461,7 +461,7 @@ def test_it_is_the_gradient_of_the_rounded_network(name: str, channels_last: boo
     last = len(layers) - 1 - layers[::-1].index("conv3")
     before_it = {"x", *(f"v{index}" for index in range(last))}
     schemes = {v: s for v, s in schemes_of(model, x).items() if v in before_it}
-    lowered, _ = rewrite(model, schemes)
+    lowered, _ = rewrite(GraphView(model), schemes)
     roundings, inside = rounded_values(lowered), inside_of(lowered)
     graph = Graph(forward(layers))
     image = torch.tensor(x.astype(np.float64), requires_grad=True)
@@ -516,7 +516,7 @@ def test_small_gradients_are_kept_more_finely() -> None:
     graph = helper.make_graph(nodes, "g", [image], [output], [numpy_helper.from_array(kernel, "w")])
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
     scheme = Scheme(1.0 / 127, 128)
-    lowered, _ = rewrite(model, {"x": Scheme(step), "y": scheme})
+    lowered, _ = rewrite(GraphView(model), {"x": Scheme(step), "y": scheme})
     first, second = np.divmod(np.arange(256 * 63), 63)
     x = np.zeros((1, 4, 1, len(first)), np.float32)
     x[0, 0, 0], x[0, 1, 0] = first * np.float32(step), second * np.float32(step)
@@ -577,7 +577,7 @@ def test_an_output_keeps_its_name_and_its_values() -> None:
     """A descriptor that the 8-bit path makes is rounded where convolutions read it, and not as an output."""
     model, x = forward(["conv3", "relu", "conv3", "relu"]), images()
     both = build_saliency(model, "v3", ["v1", "v3"], "x", channels_last=True)
-    lowered, _ = rewrite(both, schemes_of(both, x))
+    lowered, _ = rewrite(GraphView(both), schemes_of(both, x))
     names = [value.name for value in both.graph.output]
     assert [value.name for value in lowered.graph.output] == names == ["saliency", "descriptors_v1", "descriptors_v3"]
     exact = dict(zip(names, session(both).run(None, {"x": x}), strict=True))
@@ -595,15 +595,15 @@ def test_what_is_not_two_dimensional_stays_in_floats() -> None:
     output = helper.make_tensor_value_info("y", TensorProto.FLOAT, None)
     graph = helper.make_graph([node], "g", [image], [output], [kernel])
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    assert candidates(model) == []
-    assert [n.op_type for n in rewrite(model, {})[0].graph.node] == ["Conv"]
+    assert candidates(GraphView(model)) == []
+    assert [n.op_type for n in rewrite(GraphView(model), {})[0].graph.node] == ["Conv"]
 
 
 def test_a_clip_reaches_its_bound_whatever_was_seen() -> None:
     """Levels that end below it would let gradients pass where the network saturates."""
     model, x = saliency(NETWORKS["clipped"]), images()
     schemes = schemes_of(model, x) | {"v1": Scheme(0.3 / 255)}
-    found = rounded_values(rewrite(model, schemes)[0])["v1"]
+    found = rounded_values(rewrite(GraphView(model), schemes)[0])["v1"]
     assert found == reaching(1.0)
     assert np.float32(found.scale) * np.float32(255) == 1
 
@@ -647,10 +647,10 @@ def network_of(chain: Chain) -> onnx.ModelProto:
 )
 def test_regions_that_lose_are_found(chain: Chain, slow: list[str]) -> None:
     model, x = network_of(chain), images((24, 32), 1)
-    lowered, origins = rewrite(model, schemes_of(model, x))
+    lowered, origins = rewrite(GraphView(model), schemes_of(model, x))
     assert set(origins.values()) == {f"v{index}" for index, (kind, _, _) in enumerate(chain) if kind == "Conv"}
     assert losing(lowered, origins, x) == set(slow)
-    kept, others = rewrite(model, schemes_of(model, x), slow)
+    kept, others = rewrite(GraphView(model), schemes_of(model, x), slow)
     assert set(others.values()) == set(origins.values()) - set(slow)
     for name in slow:
         (node,) = (node for node in kept.graph.node if node.name == name)
@@ -677,7 +677,7 @@ def test_a_strided_convolution_s_adjoint_pays_by_its_channels() -> None:
         model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
         x = rng.standard_normal((1, width, 16, 24)).astype(np.float32)
         schemes = {"s": Scheme(1 / 127, 128), "full": Scheme(0.1, 128)}
-        lowered, origins = rewrite(model, schemes)
+        lowered, origins = rewrite(GraphView(model), schemes)
         assert set(origins.values()) == {"full"}
         assert losing(lowered, origins, x) == (set() if pays else {"full"})
 
@@ -699,7 +699,7 @@ def convolution(kernel: np.ndarray, group: int = 1) -> onnx.ModelProto:
 def test_only_what_gains_is_rounded(results: int, channels: int, size: int, group: int, worth: bool) -> None:
     """One channel is padded to four; a 1x1 kernel between few channels computes little for what it reads."""
     model = convolution(np.random.default_rng(0).standard_normal((results, channels // group, size, size)), group)
-    assert candidates(model) == (["x", "y"] if worth else [])
+    assert candidates(GraphView(model)) == (["x", "y"] if worth else [])
     if not worth:
         with pytest.raises(ExportError, match="int8: 8-bit integers make no convolution of this network faster"):
             quantize(model, calibration_set(), InputSpec(), 1.0)
@@ -709,9 +709,9 @@ def test_sums_over_channels_stay_in_floats() -> None:
     """Local response normalisation's, of squares: half of their values would be one level of 256."""
     i, j = np.indices((96, 96))
     band = (abs(i - j) <= 2)[:, :, None, None] * 0.5
-    assert candidates(convolution(band)) == []
+    assert candidates(GraphView(convolution(band))) == []
     band[0, 0] = 1.0
-    assert candidates(convolution(band)) == ["x", "y"]
+    assert candidates(GraphView(convolution(band))) == ["x", "y"]
 
 
 # -- convolutions of several groups, in floats, and of few taps ----------------------------------------------------
@@ -731,7 +731,7 @@ def test_a_grouped_convolution_s_magnitude() -> None:
     graph = helper.make_graph(nodes, "g", infos[:1], infos[1:], [first, kernel])
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
     x = rng.standard_normal((1, 8, 20, 20)).astype(np.float32)
-    lowered, origins = rewrite(model, schemes_of(model, x))
+    lowered, origins = rewrite(GraphView(model), schemes_of(model, x))
     assert set(origins.values()) == {"a", "y"}
     (found,), (wanted,) = (session(m).run(None, {"x": x}) for m in (lowered, model))
     for a, b in zip(found[0], wanted[0], strict=True):
@@ -742,7 +742,7 @@ def test_a_convolution_in_floats_between_two_in_integers() -> None:
     """One that 8 bits are not worth for, whose input is rounded and whose result is: it is in no region."""
     chain = [("Conv", 32, 3), ("Relu", 32, 0), ("Conv", 16, 3), ("Relu", 16, 0), ("Conv", 16, 1), ("Conv", 32, 3)]
     model, x = network_of([*chain, ("Relu", 32, 0), ("Sin", 32, 0)]), images((24, 32), 1)
-    lowered, origins = rewrite(model, schemes_of(model, x))
+    lowered, origins = rewrite(GraphView(model), schemes_of(model, x))
     assert "v4" not in origins.values()
     assert any(node.name == "v4" and node.input[1] == "v4_w" for node in lowered.graph.node)
     assert losing(lowered, origins, x) <= set(origins.values())
@@ -769,7 +769,7 @@ def test_phases_of_every_padding(size: int, stride: int, pad: int, group: int) -
     graph = helper.make_graph(nodes, "g", [image], [output], tensors)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
     floats, x = build_saliency(model, value, [], "x", channels_last=True), images((26, 31))
-    lowered, origins = rewrite(floats, schemes_of(floats, x))
+    lowered, origins = rewrite(GraphView(floats), schemes_of(floats, x))
     phases = [name for name, origin in origins.items() if name.startswith(f"{origin}/phase")]
     assert len(phases) == stride**2
     (found,), (wanted,) = (session(m).run(None, {"x": x}) for m in (lowered, floats))

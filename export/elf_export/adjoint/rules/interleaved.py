@@ -17,7 +17,7 @@ from elf_export.adjoint import depthwise, phases
 from elf_export.adjoint import interleave as joining
 from elf_export.adjoint.gradient import Phases, Rectified
 from elf_export.adjoint.registry import Context
-from elf_export.adjoint.windows import Window
+from elf_export.graph.windows import Window
 
 
 def max_pool(ctx: Context, grad_y: str) -> str:

@@ -16,7 +16,8 @@ import onnx
 from elf_export.adjoint import phases
 from elf_export.adjoint.emit import FAR, concat_ints, slice_axes, step
 from elf_export.adjoint.registry import Context, Gradients, adjoint
-from elf_export.adjoint.windows import Window, begin_pads, crop_spatial, pad_spatial, spatial_shape, window_of
+from elf_export.adjoint.spatial import begin_pads, crop_spatial, pad_spatial, spatial_shape
+from elf_export.graph.windows import Window, window_of
 
 from . import interleaved
 from .shapes import rank_is_known
@@ -44,7 +45,7 @@ def max_pool(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     The steps are exactly 0 or 1, so nothing is rounded.  The usual windows have forms of their own: 2x2 side by side
     `phases.split_max_pool` and `interleaved.max_pool`, overlapping 3x3 `interleaved.overlapping_max_pool`.
     """
-    window = window_of(ctx, ctx.attrs["kernel_shape"])
+    window = window_of(ctx.graph, node, ctx.attrs["kernel_shape"])
     if phases.splits(ctx, window):
         form = interleaved.max_pool if ctx.channels_last else phases.split_max_pool
         return [form(ctx, grad_y)]
@@ -70,7 +71,7 @@ def average_pool(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
 
     c_m is the window's number of pixels, without those in the padding unless count_include_pad.
     """
-    window = window_of(ctx, ctx.attrs["kernel_shape"])
+    window = window_of(ctx.graph, node, ctx.attrs["kernel_shape"])
     if window.padded:
         share = ctx.op("Div", grad_y, _counts(ctx, node, window), role="share")
     else:

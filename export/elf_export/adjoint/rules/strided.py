@@ -18,8 +18,8 @@ from elf_export.adjoint.gradient import Extent, Phases
 from elf_export.adjoint.interleave import known_channels
 from elf_export.adjoint.phases import FEW, PHASES
 from elf_export.adjoint.registry import Context
-from elf_export.adjoint.windows import Window
 from elf_export.graph.graph import Array
+from elf_export.graph.windows import Window
 
 FARTHEST = 4  # pixels from one window to the next; putting more phases together takes longer
 

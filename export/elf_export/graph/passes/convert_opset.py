@@ -8,7 +8,7 @@ import onnx
 from onnx import helper, version_converter
 
 from elf_export.errors import ExportError
-from elf_export.graph.graph import Graph, attributes, nested_graphs
+from elf_export.graph.graph import GraphView, attributes, nested_graphs
 from elf_runtime.errors import first_line
 
 OPSETS = range(11, 21)
@@ -71,7 +71,7 @@ def _place_as_before(model: onnx.ModelProto) -> None:
     Output i lies at i / scale; the nearest pixel is the one below it, or, where all scales make the map smaller, the
     one above it, as ONNX Runtime has it.  The converter leaves the defaults of opset 11, which are others.
     """
-    constants = Graph(model)
+    constants = GraphView(model)
     for graph in nested_graphs(model.graph):
         for node in graph.node:
             if node.op_type == "Resize" and not node.domain:

@@ -6,6 +6,7 @@ import onnx
 
 from elf_export.calibration import CalibrationSet
 from elf_export.errors import ExportError
+from elf_export.graph.graph import GraphView
 from elf_runtime import InputSpec
 
 from .candidates import candidates
@@ -31,12 +32,13 @@ def quantize(model: onnx.ModelProto, images: CalibrationSet, spec: InputSpec, sc
     ExportError
         If no convolution is worth it.
     """
-    names = candidates(model)
-    schemes = schemes_for(model, names, images, spec, scale) if names else {}
+    source = GraphView(model)
+    names = candidates(source)
+    schemes = schemes_for(source, names, images, spec, scale) if names else {}
     left: set[str] = set()
     pixels = next(iter(images.batches(spec, scale)))
     while True:
-        lowered, origins = rewrite(model, schemes, left)
+        lowered, origins = rewrite(source, schemes, left)
         if not origins:
             raise ExportError("int8: 8-bit integers make no convolution of this network faster; use fp32, fp16 or bf16")
         lost = losing(lowered, origins, pixels)

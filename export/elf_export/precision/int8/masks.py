@@ -30,13 +30,13 @@ def mask(state: Rewriting, node: onnx.NodeProto) -> bool:
 def _is_step_of_difference(state: Rewriting, node: onnx.NodeProto) -> bool:
     """Whether the HardSigmoid makes a mask of a difference of its own."""
     maker = state.makers.get(node.input[0])
-    return maker is not None and is_convolution(state.graph, maker) and makes_step(state.readers, maker)
+    return maker is not None and is_convolution(state.source, maker) and makes_step(state.readers, maker)
 
 
 def _step(state: Rewriting, node: onnx.NodeProto, difference: onnx.NodeProto) -> bool:
     """[d > 0], d the difference of two rounded values; in floats where they are not."""
     x = difference.input[0]
-    kernel = state.graph.constant(difference.input[1])
+    kernel = state.source.constant(difference.input[1])
     if not state.is_rounded(x) or kernel is None:
         state.keep(difference)
         state.keep(node)
@@ -87,7 +87,7 @@ def _clipped_between(state: Rewriting, node: onnx.NodeProto) -> str | None:
     difference = state.makers.get(below)
     if difference is None or difference.op_type != "Sub" or difference.input[1] != y or not state.is_rounded(y):
         return None
-    top, scheme = state.graph.constant(difference.input[0]), state.rounding[y]
+    top, scheme = state.source.constant(difference.input[0]), state.rounding[y]
     reaches = top is not None and top.ndim == 0 and scheme.zero == 0 and scheme == reaching(float(top))
     return y if reaches else None
 
@@ -112,7 +112,7 @@ def _takes_from_one(state: Rewriting, node: onnx.NodeProto) -> bool:
     """Whether the Conv is 1 - x, value by value."""
     if len(node.input) < 3:
         return False
-    kernel, bias = (state.graph.constant(name) for name in node.input[1:])
+    kernel, bias = (state.source.constant(name) for name in node.input[1:])
     given = attributes(node)
     alone = kernel is not None and kernel.shape == (given.get("group", 1), 1, 1, 1)
     stays = set(given.get("strides", [1])) == {1} and not any(given.get("pads", [0]))

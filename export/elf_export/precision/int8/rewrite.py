@@ -12,8 +12,7 @@ from collections.abc import Collection, Mapping
 import numpy as np
 import onnx
 
-from elf_export.graph.graph import attributes
-from elf_export.graph.passes import cut
+from elf_export.graph.graph import GraphView, attributes
 
 from .candidates import CLAMPING, COMBINING, MOVING, is_convolution, is_spreading, makes_step, only_reader
 from .convolve import BREADTH, convolve, magnitude_of_two, two_steps_of
@@ -24,16 +23,16 @@ from .spread import spread
 
 
 def rewrite(
-    model: onnx.ModelProto, schemes: Mapping[str, Scheme], left: Collection[str] = ()
+    source: GraphView, schemes: Mapping[str, Scheme], left: Collection[str] = ()
 ) -> tuple[onnx.ModelProto, dict[str, str]]:
-    """A copy of `model` with its convolutions, and what lies between them, in 8-bit integers.
+    """A new model that has the convolutions of `source`, and what lies between them, in 8-bit integers.
 
     Parameters
     ----------
-    model : onnx.ModelProto
+    source : GraphView
         In float32, opset 13 or later.
     schemes : mapping
-        How to round the values of `candidates(model)`.
+        How to round the values of `candidates(source)`.
     left : collection of str
         Results of convolutions that stay in floats.
 
@@ -43,19 +42,20 @@ def rewrite(
     origins : dict
         Result of each 8-bit convolution -> that of the node which it takes the place of.
     """
-    state = Rewriting(model, schemes, left)
-    for node in state.old:
-        _visit(state, node)
-    result = state.graph.model
-    del result.graph.value_info[:]
-    return cut(result, [value.name for value in result.graph.output]), state.origins
+    state = Rewriting(source, schemes, left)
+    for node, own in zip(source.nodes, list(state.graph.nodes), strict=True):
+        with state.graph.replace_node(own):
+            _visit(state, node)
+    del state.graph.model.graph.value_info[:]
+    state.graph.prune()
+    return state.graph.model, state.origins
 
 
 def _visit(state: Rewriting, node: onnx.NodeProto) -> None:
-    if is_convolution(state.graph, node):
+    if is_convolution(state.source, node):
         if not (makes_step(state.readers, node) or complement(state, node)):
             _convolution(state, node)
-    elif is_spreading(state.graph, state.readers, node):
+    elif is_spreading(state.source, state.readers, node):
         if node.output[0] in state.schemes and _is_fed_integers(state, node):
             spread(state, node)
         else:
@@ -83,9 +83,9 @@ def _convolution(state: Rewriting, node: onnx.NodeProto) -> None:
     if not _is_fed_integers(state, node):
         state.keep(node)
         return
-    kernel = state.graph.constant(node.input[1])
+    kernel = state.source.constant(node.input[1])
     assert kernel is not None, "is_convolution has seen to that"
-    bias = state.graph.constant(node.input[2]) if len(node.input) > 2 and node.input[2] else None
+    bias = state.source.constant(node.input[2]) if len(node.input) > 2 and node.input[2] else None
     after = only_reader(state.readers, y)
     simple = bias is None and attributes(node).get("group", 1) == 1
     if after is not None and after.op_type == "Abs" and simple and y in state.schemes:
@@ -112,7 +112,7 @@ def _moved(state: Rewriting, node: onnx.NodeProto) -> bool:
     scheme, result = state.rounding[data[0]], node.output[0]
     inputs = [state.integers.get(name, name) for name in node.input]
     if node.op_type == "Pad":
-        fill = state.graph.constant(inputs[2]) if len(inputs) > 2 and inputs[2] else np.zeros(())
+        fill = state.source.constant(inputs[2]) if len(inputs) > 2 and inputs[2] else np.zeros(())
         if fill is None or np.any(fill):
             return False
         inputs[2:3] = [state.graph.const(np.uint8(scheme.zero), f"{result}/fill")]
@@ -128,7 +128,7 @@ def _moved(state: Rewriting, node: onnx.NodeProto) -> bool:
 def _round_result(state: Rewriting, node: onnx.NodeProto) -> None:
     """Round what a node other than a convolution gives, where its inputs are rounded."""
     result = node.output[0]
-    data = [name for name in node.input if name and not state.graph.is_constant(name)]
+    data = [name for name in node.input if name and not state.source.is_constant(name)]
     known = [state.rounding[name] for name in data if state.is_rounded(name)]
     if node.op_type in CLAMPING:
         if result in state.schemes and (known or node.input[0] in state.convolved):
@@ -146,7 +146,7 @@ def _round_result(state: Rewriting, node: onnx.NodeProto) -> None:
 
 def _up_to_bound(state: Rewriting, node: onnx.NodeProto, scheme: Scheme) -> Scheme:
     """The scheme whose highest level is a Clip's upper bound, to the last bit: no gradient passes there."""
-    bound = state.graph.constant(node.input[2]) if len(node.input) > 2 and node.input[2] else None
+    bound = state.source.constant(node.input[2]) if len(node.input) > 2 and node.input[2] else None
     if bound is None or scheme.zero or not 0.0 < float(bound) < np.inf:
         return scheme
     return reaching(float(bound))

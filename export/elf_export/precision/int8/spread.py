@@ -28,7 +28,7 @@ def spread(state: Rewriting, node: onnx.NodeProto) -> None:
     """Append what takes the place of a ConvTranspose whose input is rounded."""
     y, scheme = node.output[0], state.schemes[node.output[0]]
     given = attributes(node)
-    kernel = state.graph.constant(node.input[1])
+    kernel = state.source.constant(node.input[1])
     assert kernel is not None, "is_spreading has seen to that"
     stride, group = given["strides"][0], given.get("group", 1)
     if group == 1:

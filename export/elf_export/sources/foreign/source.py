@@ -13,7 +13,7 @@ from elf_export.adjoint.engine import QUANTISED
 from elf_export.errors import ExportError, LayerError
 from elf_export.graph.axes import axes_of
 from elf_export.graph.cost import sizes_where_known
-from elf_export.graph.graph import Graph, captured
+from elf_export.graph.graph import Graph, GraphView, captured
 from elf_export.graph.passes import convert_opset, cut, fold_constants, opset_of, single_precision, without_rounding
 from elf_export.graph.passes.without_rounding import QUANTIZERS
 from elf_export.graph.receptive_field import WORKING_SIZE, Field, measured, receptive_fields
@@ -102,7 +102,8 @@ def in_known_opset(
     own = opset_of(model)
     moved = convert_opset(model)
     free = with_sizes(moved, image, Sizes())
-    wanted = max((opset_wanted(Graph(fold_constants(free)), image.name, layer) for layer in layers), default=0)
+    graph = fold_constants(Graph(free, copy=False))
+    wanted = max((opset_wanted(graph, image.name, layer) for layer in layers), default=0)
     if max(wanted, least) <= opset_of(moved):
         return moved, ()
     try:
@@ -128,7 +129,7 @@ def in_floats(model: onnx.ModelProto) -> tuple[onnx.ModelProto, tuple[str, ...]]
 
 def require_floats(model: onnx.ModelProto, layers: Sequence[str]) -> None:
     """Raise LayerError on a layer of integers, booleans or text."""
-    graph = Graph(model)
+    graph = GraphView(model)
     for name in layers:
         kind = onnx.TensorProto.DataType.Name(graph.elem_type(name)).lower()
         if kind != "float":
@@ -174,7 +175,7 @@ def layer_fields(source: Source, layers: Sequence[str]) -> dict[str, Field]:
 
 def map_sizes(source: Source, size: tuple[int, int], layers: Sequence[str]) -> dict[str, tuple[int, int]]:
     """Height and width of those of `layers` that are maps of more than one cell, for an image of a size."""
-    graph = Graph(with_sizes(source.model, source.image, Sizes(*size, 1)))
+    graph = GraphView(with_sizes(source.model, source.image, Sizes(*size, 1)))
     sizes = sizes_where_known(graph)
     axes = axes_of(graph, source.image.name, source.image.layout, sizes)
     found = {}
