@@ -15,7 +15,7 @@ from .errors import ExportError, LayerError
 from .graph.axes import axes_of
 from .graph.cost import PROBE, fix_sizes, sizes_where_known
 from .graph.graph import Graph, GraphView, defined_in, nested_graphs
-from .graph.layout import image_layout
+from .graph.layout import image_layout, only_image_input
 from .graph.passes import (
     compose_convs,
     cut,
@@ -238,20 +238,6 @@ def check(model: onnx.ModelProto) -> None:
 def descriptor_output(layer: str) -> str:
     """Name of the output that carries `layer`'s map."""
     return "descriptors_" + "".join(c if c.isalnum() or c == "_" else "_" for c in layer)
-
-
-def only_image_input(graph: GraphView) -> str:
-    """The graph's one 4-dimensional input.
-
-    Raises
-    ------
-    LayerError
-        If there is none, or several.
-    """
-    found = [name for name in graph.inputs if graph.rank(name) == 4 and not graph.is_constant(name)]
-    if len(found) != 1:
-        raise LayerError(f"which input is the image? The model takes {graph.inputs}; name it")
-    return found[0]
 
 
 def stamp(model: onnx.ModelProto, metadata: Mapping[str, str]) -> None:

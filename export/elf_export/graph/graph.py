@@ -17,28 +17,21 @@ from .nodes import (
     Dim,
     attributes,
     bodies,
+    call_otherwise,
     captured,
     defined_in,
     is_standard,
+    names_in,
     nested_graphs,
+    read_instead,
     reads,
 )
 from .view import GraphView
 
 __all__ = [
-    "SIZES",
-    "Array",
-    "Dim",
-    "Graph",
-    "GraphView",
-    "attributes",
-    "bodies",
-    "captured",
-    "defined_in",
-    "is_standard",
-    "nested_graphs",
-    "reduce_mean",
-]
+    "SIZES", "Array", "Dim", "Graph", "GraphView", "attributes", "bodies", "captured", "defined_in", "is_standard",
+    "nested_graphs", "reduce_mean",
+]  # fmt: skip
 
 
 class Graph(GraphView):
@@ -168,24 +161,12 @@ class Graph(GraphView):
         """Let all nodes that read `old` read `new`, bodies included; an output of the graph keeps its name."""
         for node in list(self._consumers.get(old, ())):
             self._leave(node)
-            for graph in (body for outer in bodies(node) for body in nested_graphs(outer)):
-                for inner in graph.node:
-                    inner.input[:] = [new if name == old else name for name in inner.input]
-                for value in graph.output:
-                    value.name = new if value.name == old else value.name
-            node.input[:] = [new if name == old else name for name in node.input]
+            read_instead(node, old, new)
             self._enter(node)
 
     def rename(self, names: Mapping[str, str]) -> None:
         """Call values otherwise, old name -> new name, wherever they are named; in bodies too."""
-        for graph in nested_graphs(self.model.graph):
-            for value in (*graph.input, *graph.output, *graph.value_info, *graph.initializer):
-                value.name = names.get(value.name, value.name)
-            for sparse in graph.sparse_initializer:
-                sparse.values.name = names.get(sparse.values.name, sparse.values.name)
-            for node in graph.node:
-                for ends in (node.input, node.output):
-                    ends[:] = [names.get(name, name) for name in ends]
+        call_otherwise(self.model.graph, names)
         self.reindex()
 
     def reindex(self) -> None:
@@ -213,15 +194,15 @@ class Graph(GraphView):
             self._types = {name: kind for name, kind in self._types.items() if name not in found}
             self._unseen |= found
 
-    def prune(self, outputs: Sequence[str] | None = None) -> None:
-        """Remove what the graph's outputs don't need, or `outputs`, names of such: nodes, constants and inputs.
+    def prune(self) -> None:
+        """Remove what the graph's outputs don't need: nodes, constants and inputs.
 
         Raises
         ------
         KeyError
             If nothing makes one of them.
         """
-        needed = self.needed(self.outputs if outputs is None else outputs)
+        needed = self.needed(self.outputs)
         proto = self.model.graph
         for at in reversed(range(len(proto.node))):
             if not needed.intersection(proto.node[at].output):
@@ -231,10 +212,6 @@ class Graph(GraphView):
             for at in reversed(range(len(field))):
                 if field[at].name not in needed:
                     del field[at]
-        if outputs is not None:
-            for at in reversed(range(len(proto.output))):
-                if proto.output[at].name not in outputs:
-                    del proto.output[at]
         self._constants = {name: tensor for name, tensor in self._constants.items() if name in needed}
         self._arrays = {name: array for name, array in self._arrays.items() if name in needed}
 
@@ -260,14 +237,6 @@ class Graph(GraphView):
                 self._consumers[name] = readers
             else:
                 self._consumers.pop(name, None)
-
-
-def names_in(graph: onnx.GraphProto) -> set[str]:
-    """All names that are taken; those inside bodies too, which may not define a name of the graph around them."""
-    names = {node.name for node in graph.node}
-    for inner in nested_graphs(graph):
-        names.update(defined_in(inner))
-    return names | {name for node in graph.node for name in node.input}
 
 
 def reduce_mean(graph: Graph, x: str, axis: int, name: str, keepdims: int, output: str | None = None) -> str:

@@ -1,12 +1,28 @@
-"""Where the channels are: NCHW or NHWC, of the image and of every map that is made from it."""
+"""Which input is the image, and where its channels are: NCHW or NHWC."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+from elf_export.errors import LayerError
+
 from .graph import Dim, GraphView
 
 COLOR_CHANNELS = (1, 3)
+
+
+def only_image_input(graph: GraphView) -> str:
+    """The graph's one 4-dimensional input.
+
+    Raises
+    ------
+    LayerError
+        If there is none, or several.
+    """
+    found = [name for name in graph.inputs if graph.rank(name) == 4 and not graph.is_constant(name)]
+    if len(found) != 1:
+        raise LayerError(f"which input is the image? The model takes {graph.inputs}; name it")
+    return found[0]
 
 
 def image_layout(graph: GraphView, name: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
@@ -69,6 +69,36 @@ def nested_graphs(graph: onnx.GraphProto) -> Iterator[onnx.GraphProto]:
     for node in graph.node:
         for body in bodies(node):
             yield from nested_graphs(body)
+
+
+def names_in(graph: onnx.GraphProto) -> set[str]:
+    """All names that are taken; those inside bodies too, which may not define a name of the graph around them."""
+    names = {node.name for node in graph.node}
+    for inner in nested_graphs(graph):
+        names.update(defined_in(inner))
+    return names | {name for node in graph.node for name in node.input}
+
+
+def call_otherwise(graph: onnx.GraphProto, names: Mapping[str, str]) -> None:
+    """Rename values, old name -> new name, wherever a graph or a body in it names them."""
+    for inner in nested_graphs(graph):
+        for value in (*inner.input, *inner.output, *inner.value_info, *inner.initializer):
+            value.name = names.get(value.name, value.name)
+        for sparse in inner.sparse_initializer:
+            sparse.values.name = names.get(sparse.values.name, sparse.values.name)
+        for node in inner.node:
+            for ends in (node.input, node.output):
+                ends[:] = [names.get(name, name) for name in ends]
+
+
+def read_instead(node: onnx.NodeProto, old: str, new: str) -> None:
+    """Let a node read `new` where it reads `old`, and its bodies too."""
+    node.input[:] = [new if name == old else name for name in node.input]
+    for body in bodies(node):
+        for inner in body.node:
+            read_instead(inner, old, new)
+        for value in body.output:
+            value.name = new if value.name == old else value.name
 
 
 def constant_of(node: onnx.NodeProto) -> onnx.TensorProto | None:

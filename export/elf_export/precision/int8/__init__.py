@@ -18,7 +18,7 @@ __all__ = ["quantize"]
 
 
 def quantize(model: onnx.ModelProto, images: CalibrationSet, spec: InputSpec, scale: float) -> onnx.ModelProto:
-    """`model` with its convolutions in 8-bit integers where `worth` finds that faster; see `rewrite` for how.
+    """`model` with its convolutions in 8-bit integers where `speedup` finds that faster; see `rewrite` for how.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def quantize(model: onnx.ModelProto, images: CalibrationSet, spec: InputSpec, sc
     Raises
     ------
     ExportError
-        If no convolution is worth it.
+        If no convolution gains.
     """
     source = GraphView(model)
     names = candidates(source)

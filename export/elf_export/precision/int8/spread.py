@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import onnx
 
-from elf_export.adjoint import interleave as joining
+from elf_export.adjoint import interleave
 from elf_export.graph.graph import Array, attributes
 
 from .candidates import only_reader
@@ -103,16 +103,16 @@ def _interleaved(state: Rewriting, y: str, parts: list[str], stride: int, channe
     """(N, C, h, w) for each phase, in raster order, to (N, C, h s, w s)."""
     graph = state.graph
     joined = parts[0] if len(parts) == 1 else graph.op("Concat", *parts, name=f"{y}/phases_q", axis=1)
-    last = joining.channels_last(graph, joined, f"{y}/phases_nhwc")
+    last = interleave.channels_last(graph, joined, f"{y}/phases_nhwc")
     apart = graph.op(
         "Reshape", last, graph.int64s([0, 0, 0, stride, stride * channels], f"{y}/apart_shape"), name=f"{y}/apart"
     )
     rows = graph.op("Transpose", apart, name=f"{y}/rows", perm=[0, 1, 3, 2, 4])
-    width = joining.slice_of_shape(graph, last, 2, 3, f"{y}/width")
+    width = interleave.slice_of_shape(graph, last, 2, 3, f"{y}/width")
     wide = graph.op("Mul", width, graph.int64s([stride], f"{y}/stride"), name=f"{y}/wide")
     shape = graph.op(
         "Concat", graph.int64s([0, -1], f"{y}/keep"), wide, graph.int64s([channels], f"{y}/channels"),
         name=f"{y}/whole_shape", axis=0,
     )  # fmt: skip
     whole = graph.op("Reshape", rows, shape, name=f"{y}/whole")
-    return joining.channels_first(graph, whole, f"{y}/whole_q")
+    return interleave.channels_first(graph, whole, f"{y}/whole_q")

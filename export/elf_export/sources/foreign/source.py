@@ -9,7 +9,7 @@ import numpy as np
 import onnx
 
 from elf_export.adjoint import opset_wanted
-from elf_export.adjoint.engine import QUANTISED
+from elf_export.adjoint.preflight import QUANTISED
 from elf_export.errors import ExportError, LayerError
 from elf_export.graph.axes import axes_of
 from elf_export.graph.cost import sizes_where_known
