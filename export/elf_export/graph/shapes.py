@@ -13,14 +13,18 @@ from .nodes import Dim, copy_fields
 Types = dict[str, onnx.TypeProto.Tensor]
 
 MOST_STATED = 1024  # numbers of a tensor of floats that inference may look at, such as a Resize's scales
+MADE_UP = "unk__"  # what inference calls the sizes that it can't tell
 FLOATS = frozenset({onnx.TensorProto.FLOAT, onnx.TensorProto.FLOAT16, onnx.TensorProto.DOUBLE})
 
 
-def infer(model: onnx.ModelProto, producers: Mapping[str, onnx.NodeProto]) -> Types:
+def infer(model: onnx.ModelProto, producers: Mapping[str, onnx.NodeProto], run: int = 0) -> Types:
     """The type of every tensor of the main graph but its constants; a value that nothing is known of is left out.
 
     Inference passes the whole model through C++ and back, so it gets the model without its weights: a convolution's
     result depends on the shape of its kernel, not on the numbers.
+
+    Inference numbers the sizes that it can't tell from 0 on.  Of an edited graph it is run again, and a size that it
+    numbers then must not be taken for one that had the number before: `run` tells the runs apart.
     """
     bare = without_weights(model)
     constants = {tensor.name: tensor for tensor in bare.graph.initializer}
@@ -48,7 +52,11 @@ def infer(model: onnx.ModelProto, producers: Mapping[str, onnx.NodeProto]) -> Ty
                 value.CopyFrom(helper.make_tensor_value_info(name, elem_type(node.input[0]), dims))
                 types[name], news = value.type.tensor_type, True
         if not news:
-            return types
+            break
+    for dim in (dim for kind in types.values() if run for dim in kind.shape.dim):
+        if dim.dim_param.startswith(MADE_UP):
+            dim.dim_param += f"_{run}"
+    return types
 
 
 def _left_out(

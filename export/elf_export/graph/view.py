@@ -31,6 +31,7 @@ class GraphView:
         self.model = model
         self.opset = next((o.version for o in model.opset_import if o.domain in ("", "ai.onnx")), 0)
         self._types: Types | None = None
+        self._runs = 0
         self._unseen: set[str] = set()  # values that were made, or became other ones, since shapes were inferred
         self._index()
         if any(map(rounds_up, self.nodes)):
@@ -145,8 +146,9 @@ class GraphView:
             if value.name == name:
                 return value.type.tensor_type if value.type.HasField("tensor_type") else None
         if self._types is None or name in self._unseen:
-            self._types = infer(self.model, self._producers)
+            self._types = infer(self.model, self._producers, self._runs)
             self._unseen.clear()
+            self._runs += 1
         return self._types.get(name)
 
     def shape(self, name: str) -> list[Dim] | None:
