@@ -18,6 +18,8 @@ from .gradient import Extent
 from .interleave import channels_of
 from .registry import Context
 
+FEW = 16  # channels of one block of the blocked layout (AVX-512); a convolution to fewer pays for all of them
+
 
 def convolve(
     ctx: Context,

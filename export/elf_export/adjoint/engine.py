@@ -62,7 +62,7 @@ def adjoint_parts(graph: Graph, output: str, wrt: str, seed: str | None = None, 
     pending: dict[str, list[Part]] = {output: [seed if seed is not None else output]}
     for node in reversed(path):
         entry = entry_for(node)
-        assert entry is not None, "preflight has seen to that"
+        assert entry is not None, "checked by preflight"
         grads = [_total(graph, name, pending.get(name)) for name in node.output[: entry.outputs]]
         if not any(grads):
             continue

@@ -21,15 +21,12 @@ from elf_export.graph.graph import Array
 from elf_export.graph.windows import window_of
 
 from . import depthwise
-from .depthwise import every_second
-from .gradient import Extent, Part, Phases, Rectified
+from .depthwise import FEW, every_second
+from .gradient import PHASES, Extent, Part, Phases, Rectified
 from .interleave import known_channels, whole
 from .registry import Context, Rule
 from .rules.activation import room
 from .spatial import flipped
-
-FEW = 16  # channels of one block of the blocked layout (AVX-512); a convolution to fewer pays for all of them
-PHASES = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
 def relu(ctx: Context, grad: Phases) -> Phases | None:

@@ -65,7 +65,7 @@ def overlapping_max_pool(ctx: Context, grad_y: str, window: Window) -> str:
     attains y, where two windows may meet in one row, and from there to the first place in that row of x.
     """
     x = ctx.node.input[0]
-    assert window.begin is not None, "overlaps has seen to that"
+    assert window.begin is not None, "checked by overlaps"
     rectified = split_pool.is_rectified(ctx, x)
     if rectified:
         grad_y = split_pool.cleared(ctx, grad_y)

@@ -20,6 +20,10 @@ MAX_IR_VERSION = 10  # what onnxruntime of the last years loads
 def convert_opset(model: onnx.ModelProto, wanted: int | None = None) -> onnx.ModelProto:
     """A copy of `model` of opset `wanted`; without one, of its own opset, moved into 11 to 20.
 
+    requires : standard ops; onnx's converter knows no others.
+    call : before the adjoint, whose rules are written for these opsets.
+    ensures : `model` is not changed; an IR version that old runtimes load; pixels of a Resize stay in their places.
+
     Raises
     ------
     ExportError

@@ -1,4 +1,8 @@
-"""Lower precision: 8-bit integers fitted to photographs."""
+"""A float graph in 8-bit integers that are fitted to photographs.
+
+`candidates` says what may be rounded, `ranges` fits the schemes, `rewrite` makes the graph, and `speedup` says which
+regions of it gain.  May import what `precision` may.
+"""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ MOVING = frozenset({
 # Ops of rounded values whose result gets a scheme of its own.
 COMBINING = frozenset({"Add", "Sum", "AveragePool", "Concat"})
 CLAMPING = frozenset({"Relu", "Clip"})
-WORTH = 10  # multiply-adds for each value that is read or written: with fewer, rounding costs more than is saved
+INTENSITY = 10  # multiply-adds per value read or written; below that, rounding costs more than it saves
 
 Readers = Mapping[str, Sequence[onnx.NodeProto]]
 
@@ -58,8 +58,8 @@ def is_convolution(graph: GraphView, node: onnx.NodeProto) -> bool:
     if sums_channels(kernel, group):
         return False  # squares, for example: what spans too many powers of two for 8 bits
     results, channels = kernel.shape[:2]
-    worth = channels > 1 and kernel.size >= WORTH * (channels + results)
-    return bool(worth or group > 1)
+    intense = channels > 1 and kernel.size >= INTENSITY * (channels + results)
+    return bool(intense or group > 1)
 
 
 def is_spreading(graph: GraphView, readers: Readers, node: onnx.NodeProto) -> bool:

@@ -13,7 +13,7 @@ from .candidates import MOVING
 from .scheme import MASK, Scheme
 
 
-class Rewriting:
+class Quantizer:
     """The graph under construction and what is known of its values.
 
     Attributes
