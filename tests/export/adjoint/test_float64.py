@@ -10,7 +10,8 @@ from elf_export.checks.differences import computes_in_double
 from elf_export.checks.float64 import STAND_INS, in_double
 
 from .every_case import CASES
-from .oracles import Case, _as, with_adjoint
+from .oracles import Case, _as
+from .runs import with_adjoint
 
 pytestmark = pytest.mark.torch
 

@@ -12,7 +12,7 @@ from elf_export.adjoint.registry import Context
 from elf_export.adjoint.rules import interleaved, split_pool
 from elf_export.graph.graph import Graph
 
-from .test_phases import CHAINS, CHANNELS, KERNELS, SIZES, by_torch, chain, evaluated, problem
+from .chains import CHAINS, CHANNELS, KERNELS, SIZES, by_torch, chain, evaluated, problem
 
 
 def differentiated(layers: list[str], kernels: dict[str, np.ndarray], seed: str | None = None) -> tuple[Graph, str]:

@@ -18,7 +18,8 @@ from elf_export.adjoint import build_adjoint
 from elf_export.graph.graph import Graph
 from elf_export.graph.passes import fold_constants
 
-from .oracles import assert_standard, run_ort
+from .oracles import assert_standard
+from .runs import run_ort
 
 pytestmark = pytest.mark.torch
 

@@ -18,7 +18,7 @@ from elf_export.graph.graph import Graph
 from elf_export.graph.windows import Window
 from elf_export.saliency import SALIENCY, build_saliency
 
-from .test_phases import evaluated
+from .chains import evaluated
 
 CHANNELS, RESULTS = 3, 6
 # (kernel), (pads at the top, on the left, below, on the right)

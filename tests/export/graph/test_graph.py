@@ -6,12 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import onnx
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from onnx import TensorProto, helper, numpy_helper, parser, shape_inference
+from onnx import TensorProto, parser
 
 from elf_export.graph.graph import Graph, GraphView, captured
+
+from .edited import model, require_consistent
 
 IF = """<ir_version: 8, opset_import: ["" : 17]>
 g (float[N,3,H,W] x, bool c) => (float[N,3,H,W] z) {
@@ -21,48 +22,6 @@ g (float[N,3,H,W] x, bool c) => (float[N,3,H,W] z) {
   >
   z = Add(a, y)
 }"""
-
-
-def model(
-    body: str = "a = Relu(x)  b = Neg(a)  y = Add(a, b)", outputs: str = "y", **tensors: np.ndarray
-) -> onnx.ModelProto:
-    """Of an input x, (N, 3, H, 8), in ONNX's textual form; nodes are called like their results."""
-    nodes = list(parser.parse_graph(f"g (float x) => (float y) {{ {body} }}").node)
-    for node in nodes:
-        node.name = node.output[0]
-    infos = [helper.make_tensor_value_info("x", TensorProto.FLOAT, ["N", 3, "H", 8])]
-    outs = [helper.make_tensor_value_info(name, TensorProto.FLOAT, None) for name in outputs.split()]
-    values = [numpy_helper.from_array(value, name) for name, value in tensors.items()]
-    graph = helper.make_graph(nodes, "g", infos, outs, values)
-    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-
-
-def require_consistent(graph: Graph) -> None:
-    """Who makes and reads what, and what is constant, as a graph that is read afresh has it."""
-    fresh = GraphView(graph.model)
-    assert {name: node.name for name, node in graph.producers().items()} == {
-        name: node.name for name, node in fresh.producers().items()
-    }
-    assert all(any(node is other for other in graph.nodes) for node in graph.producers().values())
-    assert _readers(graph) == _readers(fresh)
-    assert all(any(node is other for other in graph.nodes) for nodes in graph.consumers().values() for node in nodes)
-    symbols: dict[object, object] = {}  # inference numbers the sizes that it can't tell: in another graph, otherwise
-    values = [*graph.producers(), *graph.inputs, *(t.name for t in graph.model.graph.initializer)]
-    for name in values:
-        graph.shape(name)  # what the last edit has made is inferred now, and nothing later on
-    for name in values:
-        assert graph.is_constant(name) == fresh.is_constant(name)
-        assert np.array_equal(graph.constant(name), fresh.constant(name)) or not graph.is_constant(name)
-        assert graph.elem_type(name) == fresh.elem_type(name)
-        assert graph.rank(name) == fresh.rank(name)
-        for found, wanted in zip(graph.shape(name) or [], fresh.shape(name) or [], strict=True):
-            unknown = str(found).startswith("unk__") and str(wanted).startswith("unk__")
-            assert symbols.setdefault(found, wanted) == wanted if unknown else found == wanted, name
-    assert len(set(symbols.values())) == len(symbols)
-
-
-def _readers(graph: GraphView) -> dict[str, list[str]]:
-    return {name: sorted(node.name for node in nodes) for name, nodes in graph.consumers().items()}
 
 
 def names(graph: GraphView) -> list[str]:
@@ -157,65 +116,6 @@ def test_a_node_is_rewired_and_moved() -> None:
     graph.rewire(graph.producers()["a"], outputs=["y"])
     assert [node.name for node in graph.producers().values()] == ["b", "a"]
     require_consistent(graph)
-
-
-def test_a_constant_in_a_node_s_place_tells_more_of_shapes() -> None:
-    sizes = {"two": np.array([2], np.int64), "rest": np.array([-1, 24], np.int64)}
-    graph = Graph(
-        model("s = Concat<axis = 0>(two, rest)  k = Identity(s)  y = Expand(x, k)  z = Relu(y)", "z", **sizes)
-    )
-    assert graph.rank("z") == 4
-    graph.replace_by_constant(graph.producers()["k"], np.array([2, 3, 1, 8], np.int64))
-    graph.prune()
-    assert names(graph) == ["y", "z"]
-    assert graph.shape("z") == [2, 3, "H", 8]
-    require_consistent(graph)
-
-
-def test_shapes_are_inferred_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    runs = []
-    right = shape_inference.infer_shapes
-    monkeypatch.setattr(shape_inference, "infer_shapes", lambda *args, **kw: runs.append(1) or right(*args, **kw))
-    graph = Graph(model(w=np.ones((4, 3), np.float32)))
-    assert graph.shape("x") == ["N", 3, "H", 8]
-    assert graph.shape("w") == [4, 3]
-    assert not runs  # both are stated
-    assert graph.shape("y") == graph.shape("a") == ["N", 3, "H", 8]
-    with graph.replace_node(graph.producers()["b"]):
-        graph.op("Abs", "a", name="other", outputs=["b"])
-    assert graph.shape("b") == ["N", 3, "H", 8]
-    assert graph.shape("never made") is None
-    assert len(runs) == 1  # what took b's place is what b was
-    flat = graph.op("Flatten", "y", name="flat")
-    assert graph.shape("y") == ["N", 3, "H", 8]
-    assert len(runs) == 1
-    assert graph.rank(flat) == 2
-    assert graph.rank(flat) == 2
-    assert len(runs) == 2
-    graph.retype("y")
-    assert graph.shape("a") == ["N", 3, "H", 8]
-    assert len(runs) == 2  # nothing above y has changed
-    assert graph.rank(flat) == 2
-    assert len(runs) == 3
-
-
-def test_a_size_that_is_not_known_is_not_taken_for_another_one() -> None:
-    graph = Graph(model("y = Flatten(x)"))  # H * 24
-    (_, columns) = graph.shape("y")
-    with graph.insert_before(graph.producers()["y"]):
-        other = graph.op("Flatten", "x", name="other", axis=2)  # N * 3
-    assert graph.shape(other)[0] != columns
-    assert graph.shape(other)[0] != graph.shape("y")[1]
-
-
-def test_inference_sees_shapes_and_no_weights(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = []
-    right = shape_inference.infer_shapes
-    monkeypatch.setattr(shape_inference, "infer_shapes", lambda m, **kw: seen.append(m.ByteSize()) or right(m, **kw))
-    kernel, scales = np.ones((64, 3, 3, 3), np.float32), np.array([1, 1, 2, 2], np.float32)
-    graph = GraphView(model('c = Conv(x, w)  y = Resize<mode = "nearest">(c, , scales)', w=kernel, scales=scales))
-    assert graph.shape("y")[1::2] == [64, 12]
-    assert max(seen) < kernel.nbytes / 4
 
 
 def _grown(graph: Graph, data: st.DataObject, values: Sequence[str], name: str) -> None:
