@@ -69,11 +69,9 @@ class Graph(GraphView):
         return name
 
     def op(self, op_type: str, *inputs: str, name: str, outputs: int | Sequence[str] = 1, **attributes: Any) -> str:
-        """Add a node; its (first) output has the node's name unless `outputs` names them.
+        """Add a node, last or where `insert_before` and `replace_node` say; returns the name of its first output.
 
-        It comes last, or where `insert_before` or `replace_node` say.
-
-        Returns the name of the first output.
+        That is the node's own name, unless `outputs` names them.
         """
         name = self.unique(name)
         if isinstance(outputs, int):
@@ -86,14 +84,13 @@ class Graph(GraphView):
         return outs[0]
 
     def add(self, node: onnx.NodeProto) -> onnx.NodeProto:
-        """Add a copy of a node as it is, where `op` would; returns it."""
+        """Add a copy of a node as it is, where `op` would."""
         nodes = self.model.graph.node
         at = len(nodes) if self._before is None else self._place(self._before)
         nodes.insert(at, node)
         added: onnx.NodeProto = nodes[at]
         self._enter(added)
-        if self._types is not None:
-            self._unseen.update(name for name in added.output if name not in self._types)
+        self._notice(added)
         return added
 
     def const(self, value: npt.ArrayLike, name: str, dtype: npt.DTypeLike | None = None) -> str:
@@ -156,6 +153,7 @@ class Graph(GraphView):
             if names is not None:
                 field[:] = names
         self._enter(node)
+        self._notice(node)
 
     def replace_uses(self, old: str, new: str) -> None:
         """Let all nodes that read `old` read `new`, bodies included; an output of the graph keeps its name."""
@@ -216,9 +214,13 @@ class Graph(GraphView):
         self._arrays = {name: array for name, array in self._arrays.items() if name in needed}
 
     def set_outputs(self, outputs: Sequence[onnx.ValueInfoProto]) -> None:
-        """State what the graph gives."""
         del self.model.graph.output[:]
         self.model.graph.output.extend(outputs)
+
+    def _notice(self, node: onnx.NodeProto) -> None:
+        """Note the values of a node that were not there when shapes were inferred."""
+        if self._types is not None:
+            self._unseen.update(name for name in node.output if name not in self._types)
 
     def _place(self, node: onnx.NodeProto) -> int:
         return next(at for at, other in enumerate(self.model.graph.node) if other is node)

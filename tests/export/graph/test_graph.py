@@ -116,6 +116,9 @@ def test_a_node_is_rewired_and_moved() -> None:
     graph.rewire(graph.producers()["a"], outputs=["y"])
     assert [node.name for node in graph.producers().values()] == ["b", "a"]
     require_consistent(graph)
+    graph.rewire(graph.producers()["b"], outputs=["new"])
+    graph.rewire(graph.producers()["y"], inputs=["new"])
+    require_consistent(graph)
 
 
 def _grown(graph: Graph, data: st.DataObject, values: Sequence[str], name: str) -> None:
