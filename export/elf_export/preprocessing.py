@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import onnx
 from onnx import TensorProto, helper
 
 from .graph.graph import Graph, reduce_mean
@@ -85,13 +84,20 @@ def prepend(
         Colour order of the new input, where another network shares it; `settings.color` by default.
     """
     color = color or settings.color
+    with graph.insert_before(graph.nodes[0] if graph.nodes else None):
+        _append(graph, target, settings, name, color, layout)
     proto = graph.model.graph
-    forward = list(proto.node)
-    copies = [onnx.NodeProto() for _ in forward]
-    for copy, node in zip(copies, forward, strict=True):
-        copy.CopyFrom(node)
-    del proto.node[:]
+    kept = [value for value in proto.input if value.name != target]
+    sizes = dict(zip(layout, graph.shape(target) or [None] * 4, strict=True))
+    fixed = [size if isinstance(size := sizes[axis], int) else axis for axis in "NHW"]
+    channels = 1 if color == "gray" else 3
+    infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, [*fixed, channels]), *kept]
+    del proto.input[:]
+    proto.input.extend(infos)
 
+
+def _append(graph: Graph, target: str, settings: Preprocessing, name: str, color: str, layout: str) -> None:
+    """Add what makes `target` of the raw pixels `name`."""
     rows = graph.int64s([0, 0, 1, -1], "pre/rows")
 
     def plain_mean(x: str, role: str) -> str:
@@ -133,12 +139,3 @@ def prepend(
         graph.op("Transpose", x, name="pre/nchw", outputs=[target], perm=[0, 3, 1, 2])
     else:
         graph.op("Identity", x, name="pre/nhwc", outputs=[target])
-    proto.node.extend(copies)
-
-    kept = [value for value in proto.input if value.name != target]
-    sizes = dict(zip(layout, graph.shape(target) or [None] * 4, strict=True))
-    fixed = [size if isinstance(size := sizes[axis], int) else axis for axis in "NHW"]
-    channels = 1 if color == "gray" else 3
-    infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, [*fixed, channels]), *kept]
-    del proto.input[:]
-    proto.input.extend(infos)

@@ -9,14 +9,13 @@ import numpy.typing as npt
 import onnx
 from onnx import helper
 
-from .adjoint import adjoint_parts
-from .adjoint import interleave as joining
+from .adjoint import adjoint_parts, interleave
 from .adjoint.gradient import Part
 from .errors import ExportError, LayerError
 from .graph.axes import axes_of
 from .graph.cost import PROBE, fix_sizes, sizes_where_known
-from .graph.graph import Graph, defined_in, nested_graphs
-from .graph.layout import image_layout
+from .graph.graph import Graph, GraphView, defined_in, nested_graphs
+from .graph.layout import image_layout, only_image_input
 from .graph.passes import (
     compose_convs,
     cut,
@@ -27,6 +26,7 @@ from .graph.passes import (
     share_row_maxima,
     standard_ops,
 )
+from .graph.shapes import without_weights
 from .preprocessing import Preprocessing, prepend
 
 IMAGE, SALIENCY, GRADIENT = "image", "saliency", "gradient"
@@ -101,15 +101,15 @@ def build_saliency(
         model, layer, descriptors, image_input, seed, differentiate, ours, channels_last
     )
     layout = image_layout(graph, image)
-    joining.mean_magnitude(graph, gradient, layout.index("C"), SALIENCY)
+    interleave.mean_magnitude(graph, gradient, layout.index("C"), SALIENCY)
     outputs = [helper.make_tensor_value_info(SALIENCY, graph.elem_type(image), ["N", "H", "W"])]
     outputs += _descriptor_outputs(graph, descriptors, names, image, layout, size)
-    whole, smallest = _with_outputs(graph, outputs), onnx.ModelProto()
-    smallest.CopyFrom(whole)
+    graph.set_outputs(outputs)
+    smallest = without_weights(graph.model)
     if graph.rank(image) == len(layout):
         fix_sizes(smallest, image, layout, min_size)
-    composed = compose_convs(whole, [value.name for value in outputs], smallest)
-    graph = Graph(share_row_maxima(expand_response(composed)))
+    compose_convs(graph, smallest=GraphView(smallest))
+    share_row_maxima(expand_response(graph))
     if preprocessing is not None:
         prepend(graph, image, preprocessing, IMAGE, color, layout)
     return _finished(graph, outputs)
@@ -125,7 +125,7 @@ def build_gradient(
     """
     graph, names, image, gradient = _differentiated(model, layer, (), image_input, seed, True, {GRADIENT})
     layer = names.get(layer, layer)
-    whole = joining.whole(graph, gradient)
+    whole = interleave.whole(graph, gradient)
     graph.op("Identity", whole, name="gradient/output", outputs=[GRADIENT])
     outputs = [
         helper.make_tensor_value_info(layer, graph.elem_type(layer), graph.shape(layer)),
@@ -150,15 +150,14 @@ def _differentiated(
     """
     wanted = list(dict.fromkeys([layer, *descriptors]))
     try:
-        trunk = standard_ops(cut(model, wanted))
+        graph = standard_ops(Graph(cut(model, wanted), copy=False))
     except KeyError as error:
         raise LayerError(f"the model has no value {error.args[0]!r}") from None
-    names = _other_names(trunk, ours)
+    names = _other_names(graph, ours)
     if names:
-        trunk = rename_values(trunk, names)
+        rename_values(graph, names)
     layer, wanted = names.get(layer, layer), [names.get(name, name) for name in wanted]
-    trunk = fold_batchnorm(fold_constants(trunk), keep=wanted)
-    graph = Graph(trunk)
+    fold_batchnorm(fold_constants(graph), keep=wanted)
     image = names.get(image_input, image_input) if image_input else only_image_input(graph)
     if not differentiate:
         return graph, names, image, layer
@@ -166,10 +165,9 @@ def _differentiated(
     return graph, names, image, parts
 
 
-def _other_names(model: onnx.ModelProto, ours: Collection[str]) -> dict[str, str]:
+def _other_names(graph: Graph, ours: Collection[str]) -> dict[str, str]:
     """Those of the model's values that have one of our names -> free names for them."""
-    graph = Graph(model)
-    values = {name for scope in nested_graphs(model.graph) for name in defined_in(scope)}
+    values = {name for scope in nested_graphs(graph.model.graph) for name in defined_in(scope)}
     return {name: graph.unique(name) for name in sorted(values.intersection(ours))}
 
 
@@ -177,7 +175,7 @@ def _seed_value(graph: Graph, layer: str, seed: Seed, ours: Collection[str]) -> 
     if seed is None:
         return None
     if isinstance(seed, str):
-        taken = {value.name for value in graph.model.graph.input} | set(graph.producers()) | set(ours)
+        taken = {*graph.inputs, *graph.producers(), *ours}
         if seed in taken:
             raise LayerError(f"the seed's input can't be called {seed!r}: another value has that name")
         shape = graph.shape(layer)
@@ -197,10 +195,10 @@ def _descriptor_outputs(
     outputs: list[onnx.ValueInfoProto] = []
     if not descriptors:
         return outputs
-    trunk = cut(graph.model, [names.get(name, name) for name in descriptors])
+    trunk = graph.part([names.get(name, name) for name in descriptors])
     if graph.rank(image) == len(layout):
         fix_sizes(trunk, image, layout, size)
-    probe = Graph(trunk)
+    probe = GraphView(trunk)
     sizes = sizes_where_known(probe)
     axes = axes_of(probe, image, layout, sizes)
     for name in descriptors:
@@ -219,14 +217,8 @@ def _descriptor_outputs(
     return outputs
 
 
-def _with_outputs(graph: Graph, outputs: Sequence[onnx.ValueInfoProto]) -> onnx.ModelProto:
-    del graph.model.graph.output[:]
-    graph.model.graph.output.extend(outputs)
-    return graph.model
-
-
 def _finished(graph: Graph, outputs: Sequence[onnx.ValueInfoProto]) -> onnx.ModelProto:
-    _with_outputs(graph, outputs)
+    graph.set_outputs(outputs)
     del graph.model.graph.value_info[:]
     check(graph.model)
     return graph.model
@@ -246,21 +238,6 @@ def check(model: onnx.ModelProto) -> None:
 def descriptor_output(layer: str) -> str:
     """Name of the output that carries `layer`'s map."""
     return "descriptors_" + "".join(c if c.isalnum() or c == "_" else "_" for c in layer)
-
-
-def only_image_input(graph: Graph) -> str:
-    """The graph's one 4-dimensional input.
-
-    Raises
-    ------
-    LayerError
-        If there is none, or several.
-    """
-    found = [v.name for v in graph.model.graph.input if graph.rank(v.name) == 4 and not graph.is_constant(v.name)]
-    if len(found) != 1:
-        names = [v.name for v in graph.model.graph.input]
-        raise LayerError(f"which input is the image? The model takes {names}; name it")
-    return str(found[0])
 
 
 def stamp(model: onnx.ModelProto, metadata: Mapping[str, str]) -> None:

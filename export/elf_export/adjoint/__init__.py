@@ -1,9 +1,15 @@
-"""The adjoint of an ONNX graph, from a table of rules; see `engine.build_adjoint` and `registry.adjoint`."""
+"""The adjoint of an ONNX graph: `engine` walks it backwards and asks the rules, of which `registry` has the table.
+
+`emit`, `spatial`, `depthwise` and `interleave` write what rules share; `rules` holds the rules, a file for each family.
+May import `graph` and errors; nothing here knows of keypoints.
+"""
 
 from __future__ import annotations
 
 from . import rules as rules  # registers them
-from .engine import adjoint_parts, build_adjoint, nodes_between, opset_wanted, unsupported_behind
+from .engine import adjoint_parts, build_adjoint
+from .path import nodes_between
+from .preflight import opset_wanted, unsupported_behind
 from .registry import Context, Gradients, adjoint, no_gradient, supported_ops
 
 __all__ = [

@@ -70,7 +70,7 @@ def unbroadcast(ctx: Context, sizes: Sizes, grad: str, name: str, core_axes: int
     found = repeats(ctx.graph, sizes, name, ctx.node.output[0], core_axes)
     assert found is not None, f"unknown rank of {name!r}"
     axes = [*range(found.lead), *found.axes]
-    for axis in reversed(axes):  # one at a time: see portable.mean
+    for axis in reversed(axes):  # one at a time: see emit.mean
         grad = reduce(ctx, "ReduceSum", grad, [axis], f"unbroadcast_{axis}")
     if found.lead:
         grad = squeeze(ctx, grad, list(range(found.lead)), "squeeze")

@@ -13,9 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from . import emit as portable
+from . import emit
+from .gradient import Extent
 from .interleave import channels_of
 from .registry import Context
+
+FEW = 16  # channels of one block of the blocked layout (AVX-512); a convolution to fewer pays for all of them
 
 
 def convolve(
@@ -55,10 +58,22 @@ def step(
 ) -> str:
     """[d > 0] with d = `convolve` of the same arguments."""
     difference = convolve(ctx, x, kernel, strides, f"{role}_difference", pads, dilations=dilations)
-    return portable.step(ctx, difference, role)
+    return emit.step(ctx, difference, role)
 
 
 def minus(ctx: Context, a: str, b: str, role: str) -> str:
     """a - b as a sum, which the convolution that negates b does in place."""
     negated = convolve(ctx, b, [[-1]], [1, 1], f"{role}_minus")
     return ctx.op("Add", negated, a, role=role)
+
+
+def every_second(phase: int, extent: Extent) -> tuple[list[int], int, int]:
+    """Along one axis: the taps, 2 places apart, and the zeros before and behind that give phase 0 or 1 every 2 places.
+
+    Of the places in between none is read: they are half of a map that has long left the caches.
+    """
+    if phase:
+        # Places 2 i - 1 and 2 i + 1, of which the second counts.
+        return [0, 1], 1, {Extent.FLOOR: 0, Extent.CEIL: 1, Extent.BEYOND: 2}[extent]
+    # The last place of an odd number of them is left out by a tap behind it.
+    return ([1, 0], 0, 1) if extent is Extent.FLOOR else ([1], 0, int(extent is Extent.BEYOND))

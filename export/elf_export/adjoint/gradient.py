@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 ADJOINT = "adj/"  # what the names of its nodes begin with
+PHASES = ((0, 0), (0, 1), (1, 0), (1, 1))  # row and column of each of four, in the order that they are held in
 
 
 class Extent(Enum):

@@ -97,7 +97,7 @@ def fitted(graph: Graph, full: str, like: str, axis: int, extent: Extent, name: 
 def channels_of(graph: Graph, value: str) -> int:
     """C of a forward value (N, C, H, W) that is pooled, or on the way from there to the image."""
     channels = known_channels(graph, value)
-    assert channels is not None, "phases.splits and phases.apply have seen to that"
+    assert channels is not None, "checked by split_pool.splits and phases.apply"
     return channels
 
 

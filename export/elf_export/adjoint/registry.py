@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 import onnx
 
-from elf_export.graph.graph import Array, Dim, Graph, attributes
+from elf_export.graph.graph import Array, Dim, Graph, GraphView, attributes, is_standard
 
 from .gradient import ADJOINT
 from .gradient import Gradients as Gradients  # rules import it from here
@@ -179,14 +179,10 @@ def is_straight_through(node: onnx.NodeProto) -> bool:
     return entry is not None and entry.through_integers
 
 
-def is_floating(graph: Graph, name: str) -> bool:
+def is_floating(graph: GraphView, name: str) -> bool:
     """Whether a value holds real numbers: integers and booleans stop a gradient."""
     dtype = graph.dtype(name)
     return np.issubdtype(dtype, np.inexact) or dtype.kind == "V"  # V: bfloat16
-
-
-def is_standard(node: onnx.NodeProto) -> bool:
-    return node.domain in ("", "ai.onnx")
 
 
 def supported_ops() -> list[str]:

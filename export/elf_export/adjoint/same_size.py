@@ -11,7 +11,7 @@ from collections.abc import Hashable, Sequence
 
 import onnx
 
-from elf_export.graph.graph import Dim, Graph, attributes
+from elf_export.graph.graph import Dim, GraphView, attributes
 
 _KEEP_SHAPE = frozenset({
     "Identity", "Dropout", "Cast", "Relu", "LeakyRelu", "PRelu", "Clip", "HardSigmoid", "HardSwish",
@@ -27,7 +27,7 @@ _WINDOWS = frozenset({"Conv", "MaxPool", "AveragePool"})
 class Sizes:
     """Sizes of a graph's values as expressions; an expression is an int, a symbol or a tuple."""
 
-    def __init__(self, graph: Graph) -> None:
+    def __init__(self, graph: GraphView) -> None:
         self.graph = graph
         self.producers = graph.producers()
         self._known: dict[tuple[str, int], Hashable] = {}

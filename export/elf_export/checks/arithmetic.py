@@ -10,7 +10,7 @@ import numpy.typing as npt
 import onnx
 
 from elf_export.graph.cost import macs
-from elf_export.graph.graph import Graph
+from elf_export.graph.graph import GraphView
 from elf_export.graph.image_input import ImageInput
 from elf_export.graph.sizes import Sizes, with_sizes
 from elf_export.saliency import GRADIENT
@@ -79,7 +79,7 @@ def best_arithmetic(
     its_image = gradient.graph.input[0].name
     lower = single, in_float32(gradient, GRADIENT, its_image), FLOAT32
     height, width = sizes.near(*FLOAT64.sizes[0])
-    static = Graph(with_sizes(forward, image, Sizes(height, width, 1)))
+    static = GraphView(with_sizes(forward, image, Sizes(height, width, 1)))
     if sum(macs(static)) > AFFORDABLE:
         return lower
     shape = [{"N": 1, "C": image.channels, "H": height, "W": width}[axis] for axis in image.layout]

@@ -11,7 +11,7 @@ import onnx
 from elf_export.adjoint import unsupported_behind
 from elf_export.graph.axes import axes_of
 from elf_export.graph.cost import counted_values, fix_sizes, node_macs, sizes_where_known
-from elf_export.graph.graph import Graph
+from elf_export.graph.graph import Graph, GraphView
 from elf_export.graph.layout import image_layout
 from elf_export.graph.passes import fold_constants
 from elf_export.graph.receptive_field import Field, measured, receptive_fields
@@ -50,10 +50,10 @@ def layer_table(
         The layers' geometry, where it is known better than at the model's size.
     """
     fixed = onnx.ModelProto()
-    fixed.CopyFrom(fold_constants(model))
-    layout = image_layout(Graph(fixed), image)
+    fixed.CopyFrom(fold_constants(Graph(model)).model)
+    layout = image_layout(GraphView(fixed), image)
     height, width = fix_sizes(fixed, image, layout)
-    graph = Graph(fixed)
+    graph = Graph(fixed, copy=False)
     own_fields = receptive_fields(graph.model, image)
     sizes = sizes_where_known(graph)
     axes = axes_of(graph, image, layout, sizes)
@@ -92,7 +92,7 @@ def layer_table(
 
 def map_layers(model: onnx.ModelProto, image: str) -> list[str]:
     """The layers that `layer_table` shows by default, of a model whose image has a fixed size."""
-    graph = Graph(fold_constants(model))
+    graph = fold_constants(Graph(model))
     sizes = sizes_where_known(graph)
     return _candidates(graph, axes_of(graph, image, image_layout(graph, image), sizes), sizes)
 
@@ -101,7 +101,7 @@ def _sizes(layer: str, axes: Mapping[str, str], sizes: Mapping[str, Sequence[int
     return dict(zip(axes.get(layer, "NCHW"), sizes.get(layer, ()), strict=False))
 
 
-def _candidates(graph: Graph, axes: Mapping[str, str], sizes: Mapping[str, Sequence[int]]) -> list[str]:
+def _candidates(graph: GraphView, axes: Mapping[str, str], sizes: Mapping[str, Sequence[int]]) -> list[str]:
     """Maps of more than one cell, but for the ends of NO_LAYERS."""
     found = []
     for node in graph.nodes:
@@ -132,7 +132,7 @@ def _blocked(graph: Graph, image: str) -> dict[str, str]:
     return blocked
 
 
-def _forward_macs(graph: Graph, layers: Sequence[str], sizes: Mapping[str, Sequence[int]]) -> dict[str, float]:
+def _forward_macs(graph: GraphView, layers: Sequence[str], sizes: Mapping[str, Sequence[int]]) -> dict[str, float]:
     """Multiply-adds of all that each layer needs; NaN where a size is not known."""
     costs = [
         node_macs(sizes, node) if sizes.keys() >= set(counted_values([node])) else math.nan for node in graph.nodes

@@ -35,7 +35,7 @@ def attach(
     forward : onnx.ModelProto
         The other network, whose input is called `image`; its values get ``NETWORK/`` in front of their names.
     """
-    graph = Graph(fold_batchnorm(fold_constants(cut(forward, layers)), keep=layers))
+    graph = fold_batchnorm(fold_constants(Graph(cut(forward, layers), copy=False)), keep=layers)
     outputs = []
     for layer in layers:
         out = descriptor_output(f"{network}:{layer}")
@@ -58,7 +58,7 @@ def attach(
     joined.graph.node.extend(graph.model.graph.node)
     joined.graph.initializer.extend(graph.model.graph.initializer)
     joined.graph.output.extend(outputs)
-    joined = share(joined)
+    joined = share(Graph(joined, copy=False)).model
     del joined.graph.value_info[:]
     check(joined)
     return joined

@@ -10,6 +10,7 @@ from elf_export.calibration import CalibrationSet
 from elf_export.checks import Check, require
 from elf_export.checks.projection import Maps, check_projection
 from elf_export.errors import LayerError
+from elf_export.graph.graph import Graph
 from elf_export.graph.passes import project
 from elf_export.saliency import descriptor_output
 from elf_runtime import InputSpec
@@ -64,10 +65,10 @@ def reduce_descriptors(
         raise LayerError("there is no descriptor layer whose values could be made fewer")
     projections = fit_layers(model, layers, reduction, images, spec, scale)
     model = project(
-        model,
+        Graph(model),
         {descriptor_output(name): (p.matrix, -p.mean @ p.matrix) for name, p in projections.items()},
         reduction.separate,
-    )
+    ).model
     check = check_projection(model, maps, projections, spec)
     require(check, log)
     return model, specs(projections, reduction, images), (check,)

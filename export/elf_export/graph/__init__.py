@@ -1,4 +1,4 @@
-"""ONNX graphs: read, edited, measured, and rewritten by `passes`.
+"""ONNX graphs: read (`view`), edited (`graph`), measured (`cost`, `receptive_field`), and rewritten by `passes`.
 
-May import errors only; nothing here knows of gradients or keypoints.
+May import errors, and the runtime to run a model; nothing here knows of gradients or keypoints.
 """

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import onnx
 
-from .graph import SIZES, Graph, attributes
+from .graph import SIZES, GraphView, attributes
 
 # What makes (N, C, H, W) of its input, whatever a Reshape has done to that one's axes before.
 WINDOWED = frozenset({
@@ -25,7 +25,7 @@ Axis = tuple[Part, ...]  # outermost first; none for an axis of one place
 Axes = tuple[Axis, ...]
 
 
-def axes_of(graph: Graph, image: str, layout: str, sizes: Mapping[str, Sequence[int]]) -> dict[str, str]:
+def axes_of(graph: GraphView, image: str, layout: str, sizes: Mapping[str, Sequence[int]]) -> dict[str, str]:
     """The layout, "NCHW" or another order, of every value of rank 4 that is a map of the image.
 
     Every axis is followed from the image on: a Transpose moves it, a Reshape splits it or joins it with others,

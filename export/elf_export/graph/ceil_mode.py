@@ -11,6 +11,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import onnx
+from onnx import helper
+
+from .nodes import attributes
+
 CEIL_POOLS = frozenset({"MaxPool", "AveragePool"})
 
 
@@ -47,3 +52,23 @@ def floor_mode_pads(given: Mapping[str, Any], sizes: Sequence[int]) -> list[int]
     if not wrong or (beyond and given.get("count_include_pad", 0)):
         return None
     return [*pads[:n], *ends]
+
+
+def rounds_up(node: onnx.NodeProto) -> bool:
+    """Whether a node is a pool in ceil_mode."""
+    return node.op_type in CEIL_POOLS and bool(attributes(node).get("ceil_mode", 0))
+
+
+def in_floor_mode(pool: onnx.NodeProto, sizes: Sequence[int]) -> bool:
+    """Write a pool, of an input of these sizes behind N and C, so that it rounds down; False where it stays as it is.
+
+    It stays where some of the sizes are not known.
+    """
+    given = attributes(pool)
+    pads = floor_mode_pads(given, sizes) if len(sizes) == len(given["kernel_shape"]) else None
+    if pads is None:
+        return False
+    kept = {key: value for key, value in given.items() if key not in ("auto_pad", "ceil_mode")}
+    del pool.attribute[:]
+    pool.attribute.extend(helper.make_attribute(key, value) for key, value in (kept | {"pads": pads}).items())
+    return True

@@ -13,7 +13,7 @@ from elf_export.errors import ExportError
 from elf_runtime.errors import first_line
 from elf_runtime.model.session import open_session
 
-from .graph import Graph, attributes
+from .graph import Graph, GraphView, attributes
 from .passes import cut
 
 PROBE = 512  # pixels of height and width; divisible by every usual stride
@@ -27,10 +27,10 @@ def macs_per_pixel(model: onnx.ModelProto, outputs: Sequence[str], size: int = P
     """
     needed = cut(model, outputs)
     height, width = fix_sizes(needed, needed.graph.input[0].name, "NHWC", size)
-    return sum(macs(Graph(needed))) / (height * width)
+    return sum(macs(GraphView(needed))) / (height * width)
 
 
-def macs(graph: Graph) -> list[float]:
+def macs(graph: GraphView) -> list[float]:
     """Multiply-adds of each node of a graph whose input has a static size.
 
     Raises
@@ -47,7 +47,7 @@ def counted_values(nodes: Iterable[onnx.NodeProto]) -> list[str]:
     return [name for node in nodes if node.op_type in COUNTED for name in (*node.input, *node.output) if name]
 
 
-def sizes_of(graph: Graph, names: Sequence[str]) -> dict[str, list[int]]:
+def sizes_of(graph: GraphView, names: Sequence[str]) -> dict[str, list[int]]:
     """The sizes of tensors, in a graph whose input has a static size.
 
     What shape inference does not tell, a run of the model on zeros does.
@@ -62,7 +62,7 @@ def sizes_of(graph: Graph, names: Sequence[str]) -> dict[str, list[int]]:
     return sizes | _measured(graph, unknown) if unknown else sizes
 
 
-def sizes_where_known(graph: Graph) -> dict[str, list[int]]:
+def sizes_where_known(graph: GraphView) -> dict[str, list[int]]:
     """As `sizes_of`, of all values; those that only a run would tell are left out where the model does not run."""
     names = [
         name
@@ -79,7 +79,7 @@ def sizes_where_known(graph: Graph) -> dict[str, list[int]]:
         return _inferred(graph, names)
 
 
-def _inferred(graph: Graph, names: Iterable[str]) -> dict[str, list[int]]:
+def _inferred(graph: GraphView, names: Iterable[str]) -> dict[str, list[int]]:
     """The sizes that shape inference tells."""
     known: dict[str, list[int]] = {}
     for name in names:
@@ -90,16 +90,13 @@ def _inferred(graph: Graph, names: Iterable[str]) -> dict[str, list[int]]:
     return known
 
 
-def _measured(graph: Graph, names: Sequence[str]) -> dict[str, list[int]]:
+def _measured(graph: GraphView, names: Sequence[str]) -> dict[str, list[int]]:
     """The sizes that values have when the model runs on zeros."""
-    probe = Graph(graph.model)
+    probe = Graph(graph.part(names), copy=False)
     outputs = [probe.op("Shape", name, name=f"{name}/measured") for name in names]
-    del probe.model.graph.output[:]
-    probe.model.graph.output.extend(
-        helper.make_tensor_value_info(name, onnx.TensorProto.INT64, [None]) for name in outputs
-    )
+    probe.set_outputs([helper.make_tensor_value_info(name, onnx.TensorProto.INT64, [None]) for name in outputs])
     try:
-        session, _ = open_session(cut(probe.model, outputs).SerializeToString())
+        session, _ = open_session(probe.model.SerializeToString())
         zeros = {source.name: np.zeros(source.shape, np.float32) for source in session.get_inputs()}
         found = session.run(outputs, zeros)
     except Exception as error:  # onnxruntime's own exceptions share no base of theirs

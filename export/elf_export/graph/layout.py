@@ -1,20 +1,36 @@
-"""Where the channels are: NCHW or NHWC, of the image and of every map that is made from it."""
+"""Which input is the image, and where its channels are: NCHW or NHWC."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .graph import Dim, Graph
+from elf_export.errors import LayerError
+
+from .graph import Dim, GraphView
 
 COLOR_CHANNELS = (1, 3)
 
 
-def image_layout(graph: Graph, name: str) -> str:
+def only_image_input(graph: GraphView) -> str:
+    """The graph's one 4-dimensional input.
+
+    Raises
+    ------
+    LayerError
+        If there is none, or several.
+    """
+    found = [name for name in graph.inputs if graph.rank(name) == 4 and not graph.is_constant(name)]
+    if len(found) != 1:
+        raise LayerError(f"which input is the image? The model takes {graph.inputs}; name it")
+    return found[0]
+
+
+def image_layout(graph: GraphView, name: str) -> str:
     """ "NCHW" or "NHWC" of an input of rank 4, told as `find_image_input` does."""
     return layout_of(graph, name, graph.shape(name) or [None] * 4)[0]
 
 
-def layout_of(graph: Graph, name: str, shape: Sequence[Dim]) -> tuple[str, int]:
+def layout_of(graph: GraphView, name: str, shape: Sequence[Dim]) -> tuple[str, int]:
     """Layout and channels of an input of rank 4: by its sizes, else by the first Conv's kernel."""
     first, last = static_size(shape[1]), static_size(shape[3])
     like_channels = [c in COLOR_CHANNELS for c in (first, last)]
@@ -27,7 +43,7 @@ def layout_of(graph: Graph, name: str, shape: Sequence[Dim]) -> tuple[str, int]:
     return _layout_by_use(graph, name)
 
 
-def _layout_by_use(graph: Graph, name: str) -> tuple[str, int]:
+def _layout_by_use(graph: GraphView, name: str) -> tuple[str, int]:
     """Follow the input to its first Conv: what it goes through tells where the channels are."""
     readers = graph.consumers()
     perm = [0, 1, 2, 3]

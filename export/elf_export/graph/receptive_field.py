@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import onnx
-from onnx import helper
 
-from elf_export.adjoint.registry import Context
-from elf_export.adjoint.windows import window_of
-
-from .graph import SIZES, Graph
+from .graph import SIZES, GraphView, attributes
 from .layout import image_layout
+from .shapes import without_weights
+from .windows import window_of
 
 WORKING_SIZE = (480, 640)  # the paper's, height and width
 NEAR = 0.2  # of a ratio of strides: what cells at the border change about it
@@ -96,7 +94,7 @@ def receptive_fields(model: onnx.ModelProto, image: str, size: Sequence[int] = W
     stride the offset depends on the image's size: it is stated for `size` (height, width), and at another one
     cells may lie up to half a stride of each such layer elsewhere.
     """
-    graph = Graph(_at_size(model, image, size))
+    graph = _at_size(model, image, size)
     fields = {image: Field()}
     for node in graph.nodes:
         inputs = [fields[name] for name in node.input if name in fields]
@@ -111,7 +109,7 @@ def receptive_fields(model: onnx.ModelProto, image: str, size: Sequence[int] = W
         elif node.op_type in ("Resize", "Upsample"):
             found = _resized(graph, node, found)
         elif node.op_type in ("DepthToSpace", "SpaceToDepth"):
-            block = Context(graph, node).attrs["blocksize"]
+            block = attributes(node)["blocksize"]
             found = _scaled(found, block if node.op_type == "DepthToSpace" else 1 / block)
         elif node.op_type in GLOBAL:
             found = replace(found, size=math.inf)
@@ -120,28 +118,27 @@ def receptive_fields(model: onnx.ModelProto, image: str, size: Sequence[int] = W
     return fields
 
 
-def _at_size(model: onnx.ModelProto, image: str, size: Sequence[int]) -> onnx.ModelProto:
-    """A copy for images of `size`, where the sizes are free, so that inference knows every map's."""
-    fixed = onnx.ModelProto()
-    fixed.CopyFrom(model)
+def _at_size(model: onnx.ModelProto, image: str, size: Sequence[int]) -> GraphView:
+    """The model for images of `size`, where the sizes are free, so that inference knows every map's."""
+    fixed = without_weights(model)
     del fixed.graph.value_info[:]
     for value in fixed.graph.input:
         dims = value.type.tensor_type.shape.dim
         if value.name == image and len(dims) == 4:
-            layout = image_layout(Graph(model), image)
+            layout = image_layout(GraphView(fixed), image)
             for dim, pixels in zip((dims[layout.index("H")], dims[layout.index("W")]), size, strict=True):
                 if not dim.HasField("dim_value"):
                     dim.dim_value = pixels
     for value in fixed.graph.output:
         # Their symbolic sizes would contradict what inference finds.
-        value.CopyFrom(helper.make_tensor_value_info(value.name, value.type.tensor_type.elem_type, None))
-    return fixed
+        value.type.tensor_type.ClearField("shape")
+    return GraphView(fixed)
 
 
-def _windowed(graph: Graph, node: onnx.NodeProto, before: Field) -> Field:
-    context = Context(graph, node)
-    kernel = context.attrs.get("kernel_shape") or [int(d or 1) for d in (graph.shape(node.input[1]) or [])[2:]]
-    window = window_of(context, kernel)
+def _windowed(graph: GraphView, node: onnx.NodeProto, before: Field) -> Field:
+    given = attributes(node)
+    kernel = given.get("kernel_shape") or [int(d or 1) for d in (graph.shape(node.input[1]) or [])[2:]]
+    window = window_of(graph, node, kernel)
     extent, stride = window.extent[-1], window.strides[-1]
     if window.begin is not None:
         begin = window.begin[-1]
@@ -155,15 +152,15 @@ def _windowed(graph: Graph, node: onnx.NodeProto, before: Field) -> Field:
     )
 
 
-def _transposed(graph: Graph, node: onnx.NodeProto, before: Field) -> Field:
+def _transposed(graph: GraphView, node: onnx.NodeProto, before: Field) -> Field:
     """Cell x goes to the outputs around s x + (e - 1) / 2 - p, of which each sees ceil(e / s) cells."""
-    context = Context(graph, node)
-    kernel = context.attrs.get("kernel_shape") or [int(d or 1) for d in (graph.shape(node.input[1]) or [])[2:]]
-    window = window_of(context, kernel)
+    given = attributes(node)
+    kernel = given.get("kernel_shape") or [int(d or 1) for d in (graph.shape(node.input[1]) or [])[2:]]
+    window = window_of(graph, node, kernel)
     extent, stride = window.extent[-1], window.strides[-1]
-    if window.begin is None or context.attrs.get("auto_pad", "NOTSET").startswith("SAME"):
+    if window.begin is None or given.get("auto_pad", "NOTSET").startswith("SAME"):
         # Not what a Conv of this window would add: every size becomes `stride` times as large.
-        total = max(extent + context.attrs.get("output_padding", [0])[-1] - stride, 0)
+        total = max(extent + given.get("output_padding", [0])[-1] - stride, 0)
         begin = total - total // 2 if window.same_lower else total // 2
     else:
         begin = window.begin[-1]
@@ -174,20 +171,20 @@ def _transposed(graph: Graph, node: onnx.NodeProto, before: Field) -> Field:
     )
 
 
-def _resized(graph: Graph, node: onnx.NodeProto, before: Field) -> Field:
+def _resized(graph: GraphView, node: onnx.NodeProto, before: Field) -> Field:
     """The factor is the last of the scales, or the ratio of static sizes; unknown, it is taken for 1."""
-    context = Context(graph, node)
+    given = attributes(node)
     index = 1 if node.op_type == "Upsample" else 2
-    scales = context.value(context.input(index)) if context.input(index) else None
+    scales = graph.constant(node.input[index]) if len(node.input) > index else None
     if scales is not None and scales.size:
         factor = float(scales[-1])
     else:
         old, new = ((graph.shape(name) or [None])[-1] for name in (node.input[0], node.output[0]))
         factor = new / old if isinstance(old, int) and isinstance(new, int) else 1.0
-    if context.attrs.get("mode", "nearest") == "nearest":
+    if given.get("mode", "nearest") == "nearest":
         return _scaled(before, factor)
     after = _scaled(before, factor)
-    if context.attrs.get("coordinate_transformation_mode") == "asymmetric":
+    if given.get("coordinate_transformation_mode") == "asymmetric":
         after = replace(after, offset=before.offset)
     return replace(after, size=before.size + before.stride)
 

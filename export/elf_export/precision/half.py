@@ -7,8 +7,7 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from elf_export.adjoint.emit import STEEP
-from elf_export.graph.graph import Graph, attributes
-from elf_export.graph.passes.cut import cut
+from elf_export.graph.graph import Graph, GraphView, attributes
 
 PREPROCESSING = "pre/"
 FLOAT32_INPUTS = frozenset({("Resize", 1), ("Resize", 2), ("Upsample", 1)})  # whatever the others are
@@ -21,31 +20,30 @@ def half_precision(model: onnx.ModelProto) -> onnx.ModelProto:
     The preprocessing stays in float32: the mean of a large image needs it.  Steps [d > 0] become Relu(Sign(d)), as a
     float16 has no slope of 1e30.
     """
-    graph = Graph(model)
-    proto = graph.model.graph
-    old = [onnx.NodeProto.FromString(node.SerializeToString()) for node in graph.nodes]
-    del proto.node[:]
+    source, graph = GraphView(model), Graph(model)
     renamed: dict[str, str] = {}  # what float16 nodes read in a float32 value's place
-    outside = {value.name for value in proto.input} | {
-        name for node in old if node.name.startswith(PREPROCESSING) for name in node.output
+    outside = set(source.inputs) | {
+        name for node in source.nodes if node.name.startswith(PREPROCESSING) for name in node.output
     }
-    outputs = {value.name for value in proto.output if graph.dtype(value.name) == np.float32}
-    for node in old:
+    outputs = [name for name in source.outputs if source.dtype(name) == np.float32]
+    for node in list(graph.nodes):
         if node.name.startswith(PREPROCESSING):
-            proto.node.append(node)
             continue
         if node.op_type == "HardSigmoid" and attributes(node).get("alpha", 0.2) >= STEEP:
-            sign = graph.op("Sign", renamed.get(node.input[0], node.input[0]), name=f"{node.output[0]}/sign")
-            node = helper.make_node("Relu", [sign], list(node.output), name=node.name)
-        for i, name in enumerate(node.input):
-            if not name or graph.dtype(name) != np.float32 or (node.op_type, i) in FLOAT32_INPUTS:
+            with graph.replace_node(node):
+                sign = graph.op("Sign", renamed.get(node.input[0], node.input[0]), name=f"{node.output[0]}/sign")
+                node = graph.add(helper.make_node("Relu", [sign], list(node.output), name=node.name))
+        inputs = list(node.input)
+        for i, name in enumerate(inputs):
+            if not name or source.dtype(name) != np.float32 or (node.op_type, i) in FLOAT32_INPUTS:
                 continue
-            value = graph.constant(name)
+            value = source.constant(name)
             if name not in renamed and value is not None:
                 renamed[name] = graph.const(_half(value), f"{name}/fp16")
             elif name not in renamed and name in outside:
-                renamed[name] = graph.op("Cast", name, name=f"{name}/fp16", to=TensorProto.FLOAT16)
-            node.input[i] = renamed.get(name, name)
+                with graph.insert_before(node):
+                    renamed[name] = graph.op("Cast", name, name=f"{name}/fp16", to=TensorProto.FLOAT16)
+            inputs[i] = renamed.get(name, name)
         for attribute in node.attribute:
             if attribute.name in ("to", "dtype") and attribute.i == TensorProto.FLOAT:
                 attribute.i = TensorProto.FLOAT16
@@ -53,14 +51,15 @@ def half_precision(model: onnx.ModelProto) -> onnx.ModelProto:
             if attribute.t.data_type == TensorProto.FLOAT and node.op_type != "Constant":
                 half = _half(numpy_helper.to_array(attribute.t))
                 attribute.t.CopyFrom(numpy_helper.from_array(half, attribute.t.name))
-        for i, name in enumerate(node.output):
+        for name in node.output:
             if name in outputs:
-                node.output[i] = renamed[name] = graph.unique(f"{name}/fp16")
-        proto.node.append(node)
+                renamed[name] = graph.unique(f"{name}/fp16")
+        graph.rewire(node, inputs, [renamed[name] if name in outputs else name for name in node.output])
     for name in outputs:
         graph.op("Cast", renamed[name], name=f"{name}/fp32", outputs=[name], to=TensorProto.FLOAT)
-    del proto.value_info[:]
-    return cut(graph.model, [value.name for value in proto.output])
+    del graph.model.graph.value_info[:]
+    graph.prune()
+    return graph.model
 
 
 def _half(values: np.ndarray) -> np.ndarray:
@@ -74,19 +73,14 @@ def bfloat16_weights(model: onnx.ModelProto) -> onnx.ModelProto:
     ONNX Runtime folds the casts when it loads the file: half the size on disk, and float32 arithmetic, except where a
     provider chooses bfloat16 itself.
     """
-    result = onnx.ModelProto()
-    result.CopyFrom(model)
-    casts = []
-    for tensor in result.graph.initializer:
-        if tensor.data_type == TensorProto.FLOAT and np.prod(tensor.dims) >= MANY:
-            stored = f"{tensor.name}/bf16"
-            name, kind = f"{tensor.name}/cast", TensorProto.FLOAT
-            casts.append(helper.make_node("Cast", [stored], [tensor.name], name=name, to=kind))
-            tensor.CopyFrom(_bfloat16(numpy_helper.to_array(tensor), stored))
-    nodes = [*casts, *(onnx.NodeProto.FromString(node.SerializeToString()) for node in result.graph.node)]
-    del result.graph.node[:]
-    result.graph.node.extend(nodes)
-    return result
+    graph = Graph(model)
+    with graph.insert_before(graph.nodes[0]):
+        for tensor in graph.model.graph.initializer:
+            if tensor.data_type == TensorProto.FLOAT and np.prod(tensor.dims) >= MANY:
+                name, stored = tensor.name, f"{tensor.name}/bf16"
+                tensor.CopyFrom(_bfloat16(numpy_helper.to_array(tensor), stored))
+                graph.op("Cast", stored, name=f"{name}/cast", outputs=[name], to=TensorProto.FLOAT)
+    return graph.model
 
 
 def _bfloat16(values: np.ndarray, name: str) -> TensorProto:

@@ -11,7 +11,7 @@ import onnx
 from elf_export.errors import LayerError
 from elf_export.graph.axes import axes_of
 from elf_export.graph.cost import sizes_where_known
-from elf_export.graph.graph import Graph
+from elf_export.graph.graph import GraphView
 from elf_export.graph.image_input import ImageInput
 from elf_export.graph.receptive_field import WORKING_SIZE, Field, measured, receptive_fields
 from elf_export.graph.sizes import Sizes, with_sizes
@@ -52,7 +52,7 @@ def map_sizes(
     model: onnx.ModelProto, image: ImageInput, size: tuple[int, int], layers: Sequence[str]
 ) -> dict[str, tuple[int, int]]:
     """Height and width of those of `layers` that are maps of more than one cell, for an image of a size."""
-    graph = Graph(with_sizes(model, image, Sizes(*size, 1)))
+    graph = GraphView(with_sizes(model, image, Sizes(*size, 1)))
     sizes = sizes_where_known(graph)
     axes = axes_of(graph, image.name, image.layout, sizes)
     found = {}

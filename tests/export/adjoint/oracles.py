@@ -17,23 +17,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import onnx
-import onnxruntime
 import pytest
 import torch
-from onnx import TensorProto, helper, numpy_helper
-from onnx.reference import ReferenceEvaluator
+from onnx import helper, numpy_helper
 
-from elf_export.adjoint import build_adjoint
-from elf_export.graph.graph import Graph
-
-from .stand_ins import STAND_INS
-
-Array = npt.NDArray[Any]
+from .runs import Array, one_graph, run_ort, run_reference, with_adjoint
 
 BASE_SEED = int(os.environ.get("ELF_TEST_SEED", "0"))
-IR_VERSION = 10
 NEVER = 99  # an opset
 STEP = 1e-6  # of the central differences, in float64; 1e-2 in float32
 
@@ -101,49 +92,6 @@ class Case:
         outs = ["y", *(f"y{i}" for i in range(1, self.outputs))]
         node = helper.make_node(self.op, list(order), outs, name="node", **self.attrs)
         return one_graph([node], infos, tensors, opset, elem)
-
-
-def one_graph(
-    nodes: Sequence[onnx.NodeProto], infos: Sequence[onnx.ValueInfoProto],
-    tensors: Sequence[onnx.TensorProto], opset: int, elem: int = TensorProto.FLOAT, output: str = "y",
-) -> onnx.ModelProto:  # fmt: skip
-    """A model with one output, of the shape that inference finds."""
-    out = helper.make_tensor_value_info(output, elem, None)
-    graph = helper.make_graph(list(nodes), "case", list(infos), [out], list(tensors))
-    imports = [helper.make_opsetid("", opset)]
-    model = helper.make_model(graph, opset_imports=imports, ir_version=IR_VERSION)
-    out.CopyFrom(helper.make_tensor_value_info(output, elem, Graph(model).shape(output)))
-    model.graph.output[0].CopyFrom(out)
-    return model
-
-
-def with_adjoint(model: onnx.ModelProto, wrt: str, output: str = "y") -> onnx.ModelProto:
-    """`model` with the further input ``seed`` and output ``dx``."""
-    graph = Graph(model)
-    seed = helper.make_tensor_value_info("seed", graph.elem_type(output), graph.shape(output))
-    proto = graph.model.graph
-    proto.input.append(seed)
-    gradient = build_adjoint(graph, output, wrt, seed="seed")
-    graph.op("Identity", gradient, name="result", outputs=["dx"])
-    proto.output.append(helper.make_tensor_value_info("dx", graph.elem_type(wrt), graph.shape(wrt)))
-    return graph.model
-
-
-def run_ort(model: onnx.ModelProto, feed: Mapping[str, Array]) -> list[Array]:
-    """Outputs in ONNX Runtime, one thread."""
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.log_severity_level = 3
-    session = onnxruntime.InferenceSession(model.SerializeToString(), options, ["CPUExecutionProvider"])
-    outputs: list[Array] = session.run(None, dict(feed))
-    return outputs
-
-
-def run_reference(model: onnx.ModelProto, feed: Mapping[str, Array]) -> list[Array]:
-    """Outputs in ONNX's reference evaluator, some of its ops replaced."""
-    with np.errstate(all="ignore"):
-        outputs: list[Array] = ReferenceEvaluator(model, new_ops=STAND_INS).run(None, dict(feed))
-    return outputs
 
 
 def check(case: Case, opset: int) -> None:

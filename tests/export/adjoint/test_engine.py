@@ -14,7 +14,8 @@ from elf_export.adjoint import adjoint, build_adjoint, no_gradient, nodes_betwee
 from elf_export.errors import LayerError, UnsupportedGraphError
 from elf_export.graph.graph import Graph
 
-from .oracles import assert_standard, run_ort, with_adjoint
+from .oracles import assert_standard
+from .runs import run_ort, with_adjoint
 
 pytestmark = pytest.mark.torch
 

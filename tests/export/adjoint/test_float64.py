@@ -9,8 +9,9 @@ from onnx.reference import ReferenceEvaluator
 from elf_export.checks.arithmetic import computes_in_double
 from elf_export.checks.float64 import STAND_INS, in_double
 
-from .oracles import Case, _as, with_adjoint
-from .test_mutants import CASES
+from .every_case import CASES
+from .oracles import Case, _as
+from .runs import with_adjoint
 
 pytestmark = pytest.mark.torch
 
@@ -38,7 +39,7 @@ def rounded(case: Case) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if case.opsets], ids=lambda case: case.name)
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_nothing_goes_through_float32(case: Case) -> None:
     if case.name in CANNOT:
         with pytest.raises((ValueError, TypeError, NotImplementedError)):

@@ -9,10 +9,10 @@ from onnx import TensorProto, helper
 
 from elf_export.adjoint import build_adjoint, depthwise, phases
 from elf_export.adjoint.registry import Context
-from elf_export.adjoint.rules import interleaved
+from elf_export.adjoint.rules import interleaved, split_pool
 from elf_export.graph.graph import Graph
 
-from .test_phases import CHAINS, CHANNELS, KERNELS, SIZES, by_torch, chain, evaluated, problem
+from .chains import CHAINS, CHANNELS, KERNELS, SIZES, by_torch, chain, evaluated, problem
 
 
 def differentiated(layers: list[str], kernels: dict[str, np.ndarray], seed: str | None = None) -> tuple[Graph, str]:
@@ -124,24 +124,24 @@ def test_mistakes_with_windows_that_overlap_are_caught(monkeypatch: pytest.Monke
             with pytest.raises(AssertionError):
                 test_windows_that_overlap((8, 11), 0, 0, False, True)
     with monkeypatch.context() as patch:
-        patch.setattr(phases, "step", lambda ctx, y, _: ctx.op("HardSigmoid", y, alpha=0.0, beta=1.0))
+        patch.setattr(split_pool, "step", lambda ctx, y, _: ctx.op("HardSigmoid", y, alpha=0.0, beta=1.0))
         with pytest.raises(AssertionError):
             test_windows_that_overlap((8, 11), 1, 0, True, True)
 
 
 def test_a_mistake_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     """The two rows swapped, the last place to tie, a seed that is not cleared: each fails one of the tests above."""
-    right = phases.right_wins
+    right = split_pool.right_wins
     with monkeypatch.context() as patch:
-        patch.setattr(phases, "right_wins", lambda ctx, row: right(ctx, 1 - row))
+        patch.setattr(split_pool, "right_wins", lambda ctx, row: right(ctx, 1 - row))
         with pytest.raises(AssertionError):
             test_exact_in_float64("one pool", (3, 3), (13, 17))
     with monkeypatch.context() as patch:
-        patch.setattr(phases, "right_wins", lambda ctx, row: _not_left(ctx, row))
+        patch.setattr(split_pool, "right_wins", lambda ctx, row: _not_left(ctx, row))
         with pytest.raises(AssertionError):
             test_a_tie_goes_to_the_first_in_raster_order()
     with monkeypatch.context() as patch:
-        patch.setattr(phases, "is_rectified", lambda _ctx, _x: False)
+        patch.setattr(split_pool, "is_rectified", lambda _ctx, _x: False)
         patch.setattr(phases, "_is_masked", lambda _grad, _y: True)
         with pytest.raises(AssertionError):
             test_a_seed_of_any_sign(["conv1", "relu", "pool"])

@@ -18,7 +18,8 @@ from elf_export.adjoint import build_adjoint
 from elf_export.graph.graph import Graph
 from elf_export.graph.passes import fold_constants
 
-from .oracles import assert_standard, run_ort
+from .oracles import assert_standard
+from .runs import run_ort
 
 pytestmark = pytest.mark.torch
 
@@ -148,7 +149,7 @@ def test_network(kind: type[nn.Module], opset: int, shapes: list[tuple[int, ...]
     """F^T dF/dI, the layer being its own seed."""
     torch.manual_seed(0)
     module = kind().eval()
-    graph = Graph(fold_constants(exported(module, opset)))
+    graph = fold_constants(Graph(exported(module, opset)))
     gradient = build_adjoint(graph, "y", "x")
     graph.op("Identity", gradient, name="result", outputs=["dx"])
     graph.model.graph.output.append(helper.make_tensor_value_info("dx", 1, ["N", 3, "H", "W"]))

@@ -11,7 +11,8 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from .oracles import NEVER, Case, apart, check, rows, run_ort, with_adjoint
+from .oracles import NEVER, Case, apart, check, rows
+from .runs import run_ort, with_adjoint
 from .test_conv import same_pads
 
 pytestmark = pytest.mark.torch

@@ -18,7 +18,8 @@ from elf_export.errors import UnsupportedGraphError
 from elf_export.graph.graph import Graph
 
 from . import test_networks
-from .oracles import assert_standard, one_graph, run_ort, run_reference, with_adjoint
+from .oracles import assert_standard
+from .runs import one_graph, run_ort, run_reference, with_adjoint
 
 pytestmark = pytest.mark.torch
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from .oracles import NEVER, Case, apart, check, rows, run_ort, with_adjoint
+from .oracles import NEVER, Case, apart, check, rows
+from .runs import run_ort, with_adjoint
 
 pytestmark = pytest.mark.torch
 

@@ -14,11 +14,11 @@ from onnx import TensorProto, helper, numpy_helper
 
 from elf_export.adjoint import build_adjoint
 from elf_export.adjoint.rules import strided
-from elf_export.adjoint.windows import Window
 from elf_export.graph.graph import Graph
+from elf_export.graph.windows import Window
 from elf_export.saliency import SALIENCY, build_saliency
 
-from .test_phases import evaluated
+from .chains import evaluated
 
 CHANNELS, RESULTS = 3, 6
 # (kernel), (pads at the top, on the left, below, on the right)

@@ -25,6 +25,7 @@ from elf_export.command.main import main
 from elf_export.command.options import parser, reduction_of
 from elf_export.descriptors import reduce as reduce_module
 from elf_export.descriptors.projection import fit, fit_layers, moments, specs, thinned
+from elf_export.graph.graph import Graph
 from elf_export.graph.passes import project
 from elf_runtime import ElfRuntime, InputSpec
 from elf_runtime.commands.info import main as info
@@ -179,7 +180,7 @@ def test_the_graph_projects_as_numpy_does(described: list[str], more: int) -> No
     for layer in described:
         dim = before[f"descriptors_{layer}"].shape[-1]
         maps[f"descriptors_{layer}"] = (MATRICES.standard_normal((dim, 3)), MATRICES.standard_normal(3))
-    projected = project(model, maps)
+    projected = project(Graph(model), maps).model
     onnx.checker.check_model(projected, full_check=True)
     after = outputs(projected, pixels)
     for name, (matrix, bias) in maps.items():
@@ -197,7 +198,7 @@ def test_a_convolution_in_groups_is_left_alone() -> None:
     pixels = textured(64, 64).astype(np.float32).transpose(2, 0, 1)[None]
     before = outputs(model, pixels)["descriptors_grouped"]
     matrix, bias = MATRICES.standard_normal((6, 6)), MATRICES.standard_normal(6)
-    projected = project(model, {"descriptors_grouped": (matrix, bias)})
+    projected = project(Graph(model), {"descriptors_grouped": (matrix, bias)}).model
     wanted = before.astype(np.float64) @ matrix + bias
     found = outputs(projected, pixels)["descriptors_grouped"]
     np.testing.assert_allclose(found, wanted, atol=1e-5 * np.abs(wanted).max())
@@ -210,7 +211,7 @@ def test_maps_with_channels_last_are_projected_too() -> None:
     before = outputs(model, pixels)[name]
     matrix, bias = MATRICES.standard_normal((before.shape[-1], 2)), MATRICES.standard_normal(2)
     wanted = before.astype(np.float64) @ matrix + bias
-    found = outputs(project(model, {name: (matrix, bias)}), pixels)[name]
+    found = outputs(project(Graph(model), {name: (matrix, bias)}).model, pixels)[name]
     np.testing.assert_allclose(found, wanted, atol=1e-5 * np.abs(wanted).max())
 
 
@@ -305,8 +306,8 @@ def test_another_network_s_layer_with_fewer_values(tmp_path: Path) -> None:
 
 
 def test_a_wrong_projection_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def without_mean(model: onnx.ModelProto, maps: dict, separate: bool) -> onnx.ModelProto:
-        return project(model, {name: (matrix, 0 * bias) for name, (matrix, bias) in maps.items()}, separate)
+    def without_mean(graph: Graph, maps: dict, separate: bool) -> Graph:
+        return project(graph, {name: (matrix, 0 * bias) for name, (matrix, bias) in maps.items()}, separate)
 
     monkeypatch.setattr(reduce_module, "project", without_mean)
     onnx.save(nchw(("N", 3, "H", "W")), tmp_path / "net.onnx")

@@ -9,6 +9,7 @@ from onnx import helper, numpy_helper
 from onnx.reference import ReferenceEvaluator
 
 from elf_export.graph.cost import fix_sizes
+from elf_export.graph.graph import Graph, GraphView
 from elf_export.graph.passes import compose_convs
 
 
@@ -55,7 +56,7 @@ def test_the_composition_is_exact_up_to_the_border(
     size: tuple[int, int],
 ) -> None:
     model = chain(kernels, pads, channels)
-    composed = compose_convs(model)
+    composed = compose_convs(Graph(model)).model
     onnx.checker.check_model(composed, full_check=True)
     assert any(node.name == "two/composed/inside" for node in composed.graph.node)
     x = np.random.default_rng(4).standard_normal((2, channels[0], *size))
@@ -66,7 +67,7 @@ def test_the_composition_is_exact_up_to_the_border(
 def test_one_kernel_over_the_whole_image_would_be_wrong_at_the_border() -> None:
     """Why the strips are there: the same composed kernel with zero padding is off in the outermost ring."""
     model = chain((3, 3), ([1] * 4, [1] * 4), (1, 16, 1))
-    composed = compose_convs(model)
+    composed = compose_convs(Graph(model)).model
     tensors = {t.name: numpy_helper.to_array(t) for t in composed.graph.initializer}
     kernel, bias = tensors["two/composed/kernel"][0, 0], tensors["two/composed/bias"][0]
     x = np.random.default_rng(4).standard_normal((1, 1, 12, 13))
@@ -90,15 +91,15 @@ def test_one_kernel_over_the_whole_image_would_be_wrong_at_the_border() -> None:
     ],
 )
 def test_left_alone(model: onnx.ModelProto) -> None:
-    assert [node.name for node in compose_convs(model).graph.node] == ["one", "two", "abs"]
+    assert [node.name for node in compose_convs(Graph(model)).nodes] == ["one", "two", "abs"]
 
 
 def test_a_middle_value_that_is_wanted_stays() -> None:
     model = chain((3, 3), ([1] * 4, [1] * 4), (1, 16, 1))
-    assert [node.name for node in compose_convs(model, keep=["m"]).graph.node] == ["one", "two", "abs"]
+    assert [node.name for node in compose_convs(Graph(model), keep=["m"]).nodes] == ["one", "two", "abs"]
     middle = helper.make_tensor_value_info("m", onnx.TensorProto.DOUBLE, ["N", 16, "h", "w"])
     model.graph.output.append(middle)
-    assert [node.name for node in compose_convs(model).graph.node] == ["one", "two", "abs"]
+    assert [node.name for node in compose_convs(Graph(model)).nodes] == ["one", "two", "abs"]
 
 
 @pytest.mark.parametrize(("least", "composed"), [(4, False), (5, True)])
@@ -106,7 +107,7 @@ def test_the_smallest_map_must_hold_the_composed_kernel(least: int, composed: bo
     """The inside is a convolution without padding: ONNX Runtime runs none on a map smaller than its kernel."""
     model, smallest = (chain((3, 3), ([1] * 4, [1] * 4), (1, 16, 1)) for _ in range(2))
     fix_sizes(smallest, "x", "NCHW", least)
-    found = compose_convs(model, smallest=smallest)
+    found = compose_convs(Graph(model), smallest=GraphView(smallest)).model
     assert any(node.name == "two/composed/inside" for node in found.graph.node) == composed
     x = np.random.default_rng(4).standard_normal((1, 1, least, least))
     (wanted,), (values,) = (ReferenceEvaluator(m).run(None, {"x": x}) for m in (model, found))
@@ -130,7 +131,7 @@ def test_several_convolutions_in_a_row(channels: tuple[int, ...], sizes: tuple[i
     ]
     graph = helper.make_graph(nodes, "g", infos[:1], infos[1:], kernels)
     model = helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 17)])
-    composed = compose_convs(model)
+    composed = compose_convs(Graph(model)).model
     onnx.checker.check_model(composed, full_check=True)
     assert any(node.name.endswith("/composed/inside") for node in composed.graph.node)
     x = rng.standard_normal((1, channels[0], 9, 11))

@@ -9,6 +9,7 @@ import pytest
 from onnx import helper
 
 from elf_export.graph import response
+from elf_export.graph.graph import Graph
 from elf_export.graph.passes import expand_response
 from elf_export.precision.half import half_precision
 from elf_export.saliency import build_gradient, build_saliency
@@ -44,7 +45,7 @@ def values(scale: float = 1.0) -> npt.NDArray[np.float64]:
 @pytest.mark.parametrize("settings", SETTINGS)
 def test_the_values_stay(settings: dict[str, float]) -> None:
     model = normalization(**settings)
-    expanded = expand_response(model)
+    expanded = expand_response(Graph(model)).model
     onnx.checker.check_model(expanded, full_check=True)
     assert "LRN" not in {node.op_type for node in expanded.graph.node}
     found, wanted = (evaluator64(m).run(None, {"x": values()})[0] for m in (expanded, model))
@@ -69,7 +70,7 @@ def test_the_gradient_is_that_of_finite_differences(settings: dict[str, float]) 
 
 def test_channels_that_are_not_known_are_left_alone() -> None:
     model = normalization("C", size=5)
-    assert expand_response(model) == model
+    assert expand_response(Graph(model)).model == model
 
 
 def test_the_saliency_takes_sum_and_root_from_the_forward_pass() -> None:
@@ -79,7 +80,7 @@ def test_the_saliency_takes_sum_and_root_from_the_forward_pass() -> None:
 
 def test_half_precision_holds_the_squares() -> None:
     """1500, as a layer gives that is fed pixels up to 255, squared is far beyond float16's 65504."""
-    model = expand_response(normalization(size=5, alpha=1e-4))
+    model = expand_response(Graph(normalization(size=5, alpha=1e-4))).model
     x = values(scale=1500.0).astype(np.float32)
     half, single = (
         open_session(m.SerializeToString())[0].run(None, {"x": x})[0] for m in (half_precision(model), model)

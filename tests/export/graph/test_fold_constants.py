@@ -16,7 +16,7 @@ pytestmark = pytest.mark.torch
 
 def folded(body: str) -> Graph:
     text = f'<ir_version: 8, opset_import: ["": 17]> g (float[N,3,H,W] x) => (float[a,b,c,d] y) {{ {body} }}'
-    return Graph(fold_constants(parser.parse_model(text)))
+    return fold_constants(Graph(parser.parse_model(text)))
 
 
 def test_a_chain_of_integers_becomes_one_initializer() -> None:

@@ -7,6 +7,7 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
+from elf_export.graph.graph import Graph
 from elf_export.graph.passes import share
 from elf_runtime.model.session import open_session
 
@@ -38,7 +39,7 @@ def pooled(first: list[str], second: list[str]) -> onnx.ModelProto:
 )
 def test_optional_outputs(first: list[str], second: list[str], pools: int) -> None:
     model = pooled(first, second)
-    shared = share(model)
+    shared = share(Graph(model)).model
     onnx.checker.check_model(shared, full_check=True)
     assert sum(node.op_type == "MaxPool" for node in shared.graph.node) == pools
     (resize,) = (node for node in shared.graph.node if node.op_type == "Resize")

@@ -8,6 +8,7 @@ import pytest
 from onnx import helper
 from onnx.reference import ReferenceEvaluator
 
+from elf_export.graph.graph import Graph
 from elf_export.graph.passes import share_row_maxima
 
 ROWS = {"kernel_shape": [1, 2], "strides": [1, 2]}
@@ -26,7 +27,7 @@ def pools(**settings: object) -> onnx.ModelProto:
 
 @pytest.mark.parametrize("size", [(8, 6), (7, 9), (2, 2)])
 def test_the_values_stay(size: tuple[int, int]) -> None:
-    model, shared = pools(), share_row_maxima(pools())
+    model, shared = pools(), share_row_maxima(Graph(pools())).model
     onnx.checker.check_model(shared, full_check=True)
     assert [node.name for node in shared.graph.node] == ["rows", "pool"]
     assert list(shared.graph.node[1].input) == ["t"]
@@ -40,7 +41,7 @@ def test_the_values_stay(size: tuple[int, int]) -> None:
 )
 def test_other_pools_are_left_alone(settings: dict[str, object]) -> None:
     model = pools(**settings)
-    assert share_row_maxima(model) == model
+    assert share_row_maxima(Graph(model)).model == model
 
 
 @pytest.mark.parametrize("names", [("pool", "rows", "again"), ("", "", "")])
@@ -54,7 +55,7 @@ def test_row_maxima_of_the_model_s_own(names: tuple[str, str, str]) -> None:
     for nodes in ([row, whole, twice], [whole, row, twice], [row, twice, whole]):
         graph = helper.make_graph(nodes, "g", values[:1], values[1:])
         model = helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 17)])
-        shared = share_row_maxima(model)
+        shared = share_row_maxima(Graph(model)).model
         onnx.checker.check_model(shared, full_check=True)
         assert len(shared.graph.node) == 3
         assert [n.input[0] for n in shared.graph.node if n.output[0] == "y"] == ["t"]

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from onnx import TensorProto, helper
 
+from elf_export.graph.graph import GraphView
 from elf_export.precision.int8.candidates import candidates
 from elf_export.precision.int8.rewrite import rewrite
 from elf_export.precision.int8.scheme import Scheme
@@ -28,7 +29,7 @@ def lost(body: str, channels: int, output: str = "", **schemes: Scheme) -> set[s
     model = small.written(body, used, [1, channels, 4, 4])
     if output:
         model.graph.output.append(helper.make_tensor_value_info(output, TensorProto.FLOAT, None))
-    lowered, origins = rewrite(model, dict.fromkeys(candidates(model), SIGNED) | schemes)
+    lowered, origins = rewrite(GraphView(model), dict.fromkeys(candidates(GraphView(model)), SIGNED) | schemes)
     assert lowered.graph.output == model.graph.output
     return losing(lowered, origins, rng.standard_normal((1, channels, 4, 4)).astype(np.float32))
 
@@ -80,7 +81,7 @@ def test_channels_that_are_copied_cost_eight_each() -> None:
         kernel = small.weights(results, 3, 11, 11)
         body = "s = Sin(x)  c = Conv<pads = [5, 5, 5, 5]>(s, w)  y = Cos(c)"
         model = small.written(body, {"w": kernel}, [1, 3, 8, 8])
-        lowered, origins = rewrite(model, {"s": SIGNED, "c": SIGNED})
+        lowered, origins = rewrite(GraphView(model), {"s": SIGNED, "c": SIGNED})
         assert losing(lowered, origins, np.ones((1, 3, 8, 8), np.float32)) == (set() if pays else {"c"})
 
 

@@ -25,6 +25,7 @@ from elf_export import (
     load_model,
 )
 from elf_export.command.main import main
+from elf_export.graph.graph import Graph
 from elf_export.graph.passes import rename_values
 from elf_export.sources.foreign.image_input import find_image_input
 from elf_export.sources.foreign.layers import resolve_layer
@@ -194,7 +195,7 @@ OURS = {"image": "x", "saliency": "relu1", "gradient": "pool1", "descriptors_rel
 @pytest.mark.parametrize("name", OURS)
 def test_a_model_may_use_our_names(tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
     """As its image input, its layer or any other value; the layers keep their names for the user."""
-    path = saved(rename_values(small.nchw(), {OURS[name]: name}), tmp_path)
+    path = saved(rename_values(Graph(small.nchw()), {OURS[name]: name}).model, tmp_path)
     layer = "pool1" if name == "image" else name
     assert main(["--onnx", str(path), "--list"]) == 0
     assert layer in capsys.readouterr().out
@@ -208,7 +209,7 @@ def test_a_model_may_use_our_names(tmp_path: Path, name: str, capsys: pytest.Cap
             saved(small.nchw(), tmp_path), OURS[name] if detector == name else detector, [], tmp_path / "plain.onnx",
             force=True,
         )  # fmt: skip
-        saved(rename_values(small.nchw(), {OURS[name]: name}), tmp_path)
+        saved(rename_values(Graph(small.nchw()), {OURS[name]: name}).model, tmp_path)
         image = textured(48, 64)
         assert np.allclose(elf.saliency(image), ElfRuntime(plain.path).saliency(image), atol=1e-6)
 
@@ -225,7 +226,8 @@ def test_the_library_s_functions_take_our_names_too(name: str) -> None:
         return list(session.run(None, {session.get_inputs()[0].name: pixels}))
 
     for renamed in ("x", "relu2"):
-        model, layer = rename_values(small.nchw(), {renamed: name}), name if renamed == "relu2" else "relu2"
+        model = rename_values(Graph(small.nchw()), {renamed: name}).model
+        layer = name if renamed == "relu2" else "relu2"
         for build, extra in ((build_gradient, ()), (build_saliency, (["pool1"],))):
             found, wanted = outputs(build(model, layer, *extra)), outputs(build(small.nchw(), "relu2", *extra))
             assert all(np.allclose(a, b, atol=1e-6) for a, b in zip(found, wanted, strict=True))

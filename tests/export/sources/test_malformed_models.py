@@ -13,6 +13,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from elf_export import ExportError, export_onnx, load_model
 from elf_export.command.main import main
+from elf_export.graph.graph import Graph
 from elf_export.graph.passes import fold_constants
 from export import small_models as small
 from helpers import memory_needed_below
@@ -165,7 +166,7 @@ def test_names_of_300_characters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.chdir(tmp_path)
     long = "block/" * 60 + "relu"
-    onnx.save(rename_values(small.nchw(), {"pool1": long}), "model.onnx")
+    onnx.save(rename_values(Graph(small.nchw()), {"pool1": long}).model, "model.onnx")
     result = export_onnx("model.onnx", long, [])
     assert result.contract.layer == long
     assert result.path.name.startswith("elf-model-")
@@ -201,7 +202,7 @@ def test_a_terminal_s_escapes_are_shown(tmp_path: Path, capsys: pytest.CaptureFi
     from elf_export.graph.passes import rename_values
 
     name = "\x1b[31mred\r"
-    onnx.save(rename_values(small.nchw(), {"pool1": name}), tmp_path / "model.onnx")
+    onnx.save(rename_values(Graph(small.nchw()), {"pool1": name}).model, tmp_path / "model.onnx")
     assert main(["--onnx", str(tmp_path / "model.onnx"), "--list"]) == 0
     words = ["--layer", name, "--desc", "none", "-o", str(tmp_path / "elf.onnx")]
     assert main(["--onnx", str(tmp_path / "model.onnx"), *words]) == 0
@@ -225,7 +226,7 @@ def test_a_constant_beyond_memory_is_not_folded(op: str) -> None:
         "zero": np.array(0), "many": np.array(10**10), "step": np.array(1),
     }  # fmt: skip
     model = small.written(f"{nodes[op]}  y = Identity(vast)", tensors, (1, 3, 8, 8))
-    assert [n.op_type for n in fold_constants(model).graph.node] == [op, "Identity"]
+    assert [n.op_type for n in fold_constants(Graph(model)).nodes] == [op, "Identity"]
 
 
 def test_the_opset_of_the_standard_domain_by_its_long_name(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """Adjoints of activations made of straight pieces: dx = dy * f'(x), f' being piecewise constant or linear.
 
-Masks are products with steps (`portable.step`) where they can be, which cost a fraction of Greater and Where.  At a
+Masks are products with steps (`emit.step`) where they can be, which cost a fraction of Greater and Where.  At a
 kink the choice is torch's for the activation of that name.
 """
 

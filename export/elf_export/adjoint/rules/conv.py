@@ -5,7 +5,8 @@ from __future__ import annotations
 import onnx
 
 from elf_export.adjoint.registry import Context, Gradients, adjoint
-from elf_export.adjoint.windows import Window, begin_pads, crop_spatial, flipped, spatial_shape, window_of
+from elf_export.adjoint.spatial import begin_pads, crop_spatial, flipped, spatial_shape
+from elf_export.graph.windows import Window, window_of
 
 from . import strided
 
@@ -28,7 +29,7 @@ def conv(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     pixels were never covered by a window: output_padding makes room for them, and what is beyond x is cut.
     """
     kernel_shape = [d for d in ctx.shape(node.input[1]) or [] if isinstance(d, int)]
-    window = window_of(ctx, kernel_shape[2:])
+    window = window_of(ctx.graph, node, kernel_shape[2:])
     group = ctx.attrs.get("group", 1)
     weight = ctx.value(node.input[1])
     stride_one = all(s == 1 for s in window.strides)

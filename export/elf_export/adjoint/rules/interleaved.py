@@ -13,32 +13,33 @@ from __future__ import annotations
 
 import numpy as np
 
-from elf_export.adjoint import depthwise, phases
-from elf_export.adjoint import interleave as joining
+from elf_export.adjoint import depthwise, interleave
 from elf_export.adjoint.gradient import Phases, Rectified
 from elf_export.adjoint.registry import Context
-from elf_export.adjoint.windows import Window
+from elf_export.graph.windows import Window
+
+from . import split_pool
 
 
 def max_pool(ctx: Context, grad_y: str) -> str:
     """y = max of each 2x2 window of x;  dx gets dy at the FIRST place in raster order that attains the maximum.
 
-    As `phases.split_max_pool`, with products in place of differences: dy_top = dy (1 - [t_bottom > t_top]).
+    As `split_pool.split_max_pool`, with products in place of differences: dy_top = dy (1 - [t_bottom > t_top]).
     """
     x = ctx.node.input[0]
-    rectified = phases.is_rectified(ctx, x)
+    rectified = split_pool.is_rectified(ctx, x)
     if rectified:
-        grad_y = phases.cleared(ctx, grad_y)
-    rows = phases.row_maxima(ctx)
-    lower = phases.bottom_wins(ctx, rows)
+        grad_y = split_pool.cleared(ctx, grad_y)
+    rows = split_pool.row_maxima(ctx)
+    lower = split_pool.bottom_wins(ctx, rows)
     pieces = []
     for a, name in enumerate(("top", "bottom")):
         wins = lower if a else _complement(ctx, lower, "top_wins")
         part = ctx.op("Mul", grad_y, wins, role=f"dy_{name}")
-        right = phases.right_wins(ctx, a)
+        right = split_pool.right_wins(ctx, a)
         left = _complement(ctx, right, f"left_wins_{name}")
         pieces += [ctx.op("Mul", part, mask, role=f"dx_{a}{b}") for b, mask in enumerate((left, right))]
-    dx = joining.whole(ctx.graph, Phases(tuple(pieces), x))
+    dx = interleave.whole(ctx.graph, Phases(tuple(pieces), x))
     return Rectified(dx, x) if rectified else dx
 
 
@@ -52,9 +53,9 @@ def overlaps(ctx: Context, window: Window) -> bool:
     """
     x = ctx.node.input[0]
     plain = (window.kernel, window.strides, window.dilations) == ((3, 3), (2, 2), (1, 1))
-    known = joining.known_channels(ctx.graph, x) is not None and ctx.dtype(x).kind == "f"
+    known = interleave.known_channels(ctx.graph, x) is not None and ctx.dtype(x).kind == "f"
     reach = window.begin is not None and max(window.begin + window.end) <= 1
-    return plain and known and reach and (not window.padded or phases.is_rectified(ctx, x))
+    return plain and known and reach and (not window.padded or split_pool.is_rectified(ctx, x))
 
 
 def overlapping_max_pool(ctx: Context, grad_y: str, window: Window) -> str:
@@ -64,10 +65,10 @@ def overlapping_max_pool(ctx: Context, grad_y: str, window: Window) -> str:
     attains y, where two windows may meet in one row, and from there to the first place in that row of x.
     """
     x = ctx.node.input[0]
-    assert window.begin is not None, "overlaps has seen to that"
-    rectified = phases.is_rectified(ctx, x)
+    assert window.begin is not None, "checked by overlaps"
+    rectified = split_pool.is_rectified(ctx, x)
     if rectified:
-        grad_y = phases.cleared(ctx, grad_y)
+        grad_y = split_pool.cleared(ctx, grad_y)
     (top, left), (bottom, right) = window.begin, window.end
     ceil = 1 if window.ceil else None
     rows = ctx.op(
@@ -98,14 +99,14 @@ def _to_winners(ctx: Context, grad: str, v: str, axis: int, pads: tuple[int, int
         _shifted(ctx, piece, along, i // 2, f"{role}_{i}") for i, piece in enumerate((taken_0, taken_1, taken_2))
     )
     even = ctx.op("Add", first, third, role=f"{role}_even")
-    join = joining.columns if axis == 3 else joining.rows
-    channels = joining.channels_of(ctx.graph, ctx.node.input[0])
+    join = interleave.columns if axis == 3 else interleave.rows
+    channels = interleave.channels_of(ctx.graph, ctx.node.input[0])
     joined = join(ctx.graph, (even, second), channels, ctx.name(f"{role}_joined"))
-    size = joining.slice_of_shape(ctx.graph, v, axis, axis + 1, ctx.name(f"{role}_size"))
+    size = interleave.slice_of_shape(ctx.graph, v, axis, axis + 1, ctx.name(f"{role}_size"))
     start = ctx.int64s([pads[0]], f"{role}_start")
     stop = ctx.op("Add", size, start, role=f"{role}_stop") if pads[0] else size
     part = ctx.op("Slice", joined, start, stop, ctx.int64s([along], f"{role}_axis"), role=f"{role}_nhwc")
-    return joining.channels_first(ctx.graph, part, ctx.name(f"d{role}"))
+    return interleave.channels_first(ctx.graph, part, ctx.name(f"d{role}"))
 
 
 def _beats(ctx: Context, v: str, axis: int, pads: tuple[int, int], role: str, a: int, b: int) -> str:
@@ -119,7 +120,7 @@ def _beats(ctx: Context, v: str, axis: int, pads: tuple[int, int], role: str, a:
 
 def _shifted(ctx: Context, piece: str, axis: int, by: int, role: str) -> str:
     """(N, C, h, w) as (N, h, w, C), with one more place along that axis: a zero in front (by = 1) or behind (0)."""
-    last = joining.channels_last(ctx.graph, piece, ctx.name(f"{role}_nhwc"))
+    last = interleave.channels_last(ctx.graph, piece, ctx.name(f"{role}_nhwc"))
     pads = [0] * 8
     pads[axis + (0 if by else 4)] = 1
     fill = ctx.const(0, f"{role}_fill", like=ctx.node.input[0])

@@ -13,12 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 import onnx
 
-from elf_export.adjoint import phases
 from elf_export.adjoint.emit import FAR, concat_ints, slice_axes, step
 from elf_export.adjoint.registry import Context, Gradients, adjoint
-from elf_export.adjoint.windows import Window, begin_pads, crop_spatial, pad_spatial, spatial_shape, window_of
+from elf_export.adjoint.spatial import begin_pads, crop_spatial, pad_spatial, spatial_shape
+from elf_export.graph.windows import Window, window_of
 
-from . import interleaved
+from . import interleaved, split_pool
 from .shapes import rank_is_known
 
 Offset = tuple[int, ...]
@@ -42,11 +42,11 @@ def max_pool(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
         r_0 = dy;   taken_o = r_o * [x_o = y],   r_{o+1} = r_o - taken_o = r_o * [y - x_o > 0]
 
     The steps are exactly 0 or 1, so nothing is rounded.  The usual windows have forms of their own: 2x2 side by side
-    `phases.split_max_pool` and `interleaved.max_pool`, overlapping 3x3 `interleaved.overlapping_max_pool`.
+    `split_pool.split_max_pool` and `interleaved.max_pool`, overlapping 3x3 `interleaved.overlapping_max_pool`.
     """
-    window = window_of(ctx, ctx.attrs["kernel_shape"])
-    if phases.splits(ctx, window):
-        form = interleaved.max_pool if ctx.channels_last else phases.split_max_pool
+    window = window_of(ctx.graph, node, ctx.attrs["kernel_shape"])
+    if split_pool.splits(ctx, window):
+        form = interleaved.max_pool if ctx.channels_last else split_pool.split_max_pool
         return [form(ctx, grad_y)]
     if interleaved.overlaps(ctx, window):
         return [interleaved.overlapping_max_pool(ctx, grad_y, window)]
@@ -70,7 +70,7 @@ def average_pool(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
 
     c_m is the window's number of pixels, without those in the padding unless count_include_pad.
     """
-    window = window_of(ctx, ctx.attrs["kernel_shape"])
+    window = window_of(ctx.graph, node, ctx.attrs["kernel_shape"])
     if window.padded:
         share = ctx.op("Div", grad_y, _counts(ctx, node, window), role="share")
     else:

@@ -14,12 +14,12 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from elf_export.adjoint.gradient import Extent, Phases
+from elf_export.adjoint.depthwise import FEW
+from elf_export.adjoint.gradient import PHASES, Extent, Phases
 from elf_export.adjoint.interleave import known_channels
-from elf_export.adjoint.phases import FEW, PHASES
 from elf_export.adjoint.registry import Context
-from elf_export.adjoint.windows import Window
 from elf_export.graph.graph import Array
+from elf_export.graph.windows import Window
 
 FARTHEST = 4  # pixels from one window to the next; putting more phases together takes longer
 
@@ -51,7 +51,7 @@ def conv(ctx: Context, grad_y: str, window: Window, weight: Array, group: int) -
 
     weight: (O, I, k, k)
     """
-    assert window.begin is not None, "suits has seen to that"
+    assert window.begin is not None, "checked by suits"
     step = window.strides[0]
     if group == 1:
         # (d^2 I, O, rows, columns): one kernel for all phases.
@@ -72,7 +72,7 @@ def conv(ctx: Context, grad_y: str, window: Window, weight: Array, group: int) -
 
 def _all_shifts(window: Window) -> list[range]:
     """Along each axis: the shifts at which any phase reads taps."""
-    assert window.begin is not None, "suits has seen to that"
+    assert window.begin is not None, "checked by suits"
     places = zip(window.kernel, window.begin, window.strides, strict=True)
     return [_shifts(k, p, d, range(d)) for k, p, d in places]
 
@@ -85,7 +85,7 @@ def _shifts(size: int, pad: int, step: int, phases: Iterable[int]) -> range:
 
 def _kernel(weight: Array, window: Window, phase: tuple[int, ...], shifts: list[range]) -> Array:
     """W[a + p - d s] at each of the shifts: (O, I, rows, columns)."""
-    assert window.begin is not None, "suits has seen to that"
+    assert window.begin is not None, "checked by suits"
     kernel = np.zeros((*weight.shape[:2], *map(len, shifts)), weight.dtype)
     for (row, sy), (column, sx) in itertools.product(*map(enumerate, shifts)):
         ty, tx = (a + p - d * s for a, p, d, s in zip(phase, window.begin, window.strides, (sy, sx), strict=True))
@@ -105,7 +105,7 @@ def _piece(ctx: Context, grad_y: str, window: Window, kernel: Array, shifts: lis
 
 def _overhang(window: Window) -> list[int]:
     """k - p - q along each axis."""
-    assert window.begin is not None, "suits has seen to that"
+    assert window.begin is not None, "checked by suits"
     return [k - p - q for k, p, q in zip(window.kernel, window.begin, window.end, strict=True)]
 
 

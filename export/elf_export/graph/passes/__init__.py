@@ -1,4 +1,9 @@
-"""Rewrites of a model; one idea a file.  Each takes a ModelProto and returns a new one."""
+"""Rewrites of a graph; one idea a file.
+
+A pass edits the `Graph` that it is given, and returns it, so that a chain of passes makes one copy: where the graph is
+made.  Its docstring says what it requires, when to call it, and what it ensures.  `cut`, `convert_opset`,
+`single_precision` and `without_rounding` take a ModelProto and return a new one.  May import `graph` and errors.
+"""
 
 from __future__ import annotations
 

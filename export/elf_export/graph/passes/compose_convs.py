@@ -9,16 +9,12 @@ import numpy as np
 import onnx
 from onnx import helper
 
-from elf_export.graph.graph import Array, Dim, Graph, attributes
-
-from .cut import cut
+from elf_export.graph.graph import Array, Dim, Graph, GraphView, attributes
 
 FAR = np.iinfo(np.int64).max
 
 
-def compose_convs(
-    model: onnx.ModelProto, keep: Collection[str] = (), smallest: onnx.ModelProto | None = None
-) -> onnx.ModelProto:
+def compose_convs(graph: Graph, keep: Collection[str] = (), smallest: GraphView | None = None) -> Graph:
     """y = V * (W * x + b) + c = (V o W) * x + (sum V b + c), with the kernel (V o W) of k_V + k_W - 1 pixels.
 
     That is the saliency of a linear first layer, W^T (W x + b): SuperPoint's conv1a goes through 64 channels
@@ -30,32 +26,26 @@ def compose_convs(
     convolutions themselves, and put around the inside: exact everywhere, and cheap, a strip being k - 1
     pixels.
 
-    Applied where both strides, dilations and groups are 1, the two together keep the image's size, nothing
-    else reads the middle value, it is not in `keep`, and the composed kernel takes less arithmetic.
-
-    Parameters
-    ----------
-    smallest : onnx.ModelProto, optional
-        `model` with the sizes of the smallest image that it will run on.  The inside is a convolution without
-        padding, which takes no map that is smaller than its kernel: then only where the map is known to be as
-        large even there.
+    requires : `smallest`, if given, is the graph with the sizes of the smallest image that it will run on.  The inside
+        is a convolution without padding, which takes no map that is smaller than its kernel: then only where the map is
+        known to be as large even there.
+    call : behind the adjoint; `keep` are values that are asked for.
+    ensures : the same values to rounding.  Composed is where both strides, dilations and groups are 1, the two together
+        keep the image's size, nothing else reads the middle value, it is not in `keep`, and the composed kernel takes
+        less arithmetic.
     """
-    graph = Graph(model)
-    least = graph if smallest is None else Graph(smallest)
-    outputs = {value.name for value in graph.model.graph.output}
-    for result in [node.output[0] for node in graph.nodes if node.op_type == "Conv"]:
-        producers = graph.producers()
-        second = producers[result]
-        first = producers.get(second.input[0]) if second.op_type == "Conv" else None
+    for second in [node for node in graph.nodes if node.op_type == "Conv"]:
+        first = graph.producers().get(second.input[0])
         if first is None or first.op_type != "Conv":
             continue
         middle = first.output[0]
-        if middle in outputs or middle in keep or len(graph.consumers()[middle]) > 1:
+        if middle in graph.outputs or middle in keep or len(graph.consumers()[middle]) > 1:
             continue
         pair = _pair(graph, first, second)
-        if pair is not None and (smallest is None or _holds(least.shape(first.input[0]), pair)):
+        if pair is not None and (smallest is None or _holds(smallest.shape(first.input[0]), pair)):
             _replace(graph, first, second, pair)
-    return cut(graph.model, [value.name for value in graph.model.graph.output])
+    graph.prune()
+    return graph
 
 
 def _holds(shape: list[Dim] | None, pair: Pair) -> bool:
@@ -117,14 +107,12 @@ def _bias(graph: Graph, node: onnx.NodeProto, channels: int) -> Array | None:
 
 def _replace(graph: Graph, first: onnx.NodeProto, second: onnx.NodeProto, pair: Pair) -> None:
     """Put  top / (left | inside | right) / bottom  in the place of the two nodes."""
-    nodes = graph.model.graph.node
-    at = list(nodes).index(second)
-    behind = [onnx.NodeProto() for _ in nodes[at + 1 :]]
-    for copy, node in zip(behind, nodes[at + 1 :], strict=True):
-        copy.CopyFrom(node)
-    del nodes[at:]
-    nodes.remove(first)
+    with graph.replace_node(second):
+        _append(graph, first, second, pair)
+    graph.remove(first)
 
+
+def _append(graph: Graph, first: onnx.NodeProto, second: onnx.NodeProto, pair: Pair) -> None:
     x, result, tag = first.input[0], second.output[0], f"{second.name or second.output[0]}/composed"
 
     def strip(name: str, axis: int, size: int, front: bool) -> str:
@@ -157,7 +145,6 @@ def _replace(graph: Graph, first: onnx.NodeProto, second: onnx.NodeProto, pair: 
                 parts.insert(0 if front else len(parts), edge)
         last = [result] if axis == 2 else 1
         y = graph.op("Concat", *parts, name=f"{tag}/{'rows' if axis == 2 else 'columns'}", outputs=last, axis=axis)
-    nodes.extend(behind)
 
 
 def _slice(graph: Graph, x: str, axis: int, start: int, stop: int, name: str) -> str:

@@ -8,7 +8,7 @@ import onnx
 from onnx import helper, version_converter
 
 from elf_export.errors import ExportError
-from elf_export.graph.graph import Graph, attributes, nested_graphs
+from elf_export.graph.graph import GraphView, attributes, nested_graphs
 from elf_runtime.errors import first_line
 
 OPSETS = range(11, 21)
@@ -19,6 +19,10 @@ MAX_IR_VERSION = 10  # what onnxruntime of the last years loads
 
 def convert_opset(model: onnx.ModelProto, wanted: int | None = None) -> onnx.ModelProto:
     """A copy of `model` of opset `wanted`; without one, of its own opset, moved into 11 to 20.
+
+    requires : standard ops; onnx's converter knows no others.
+    call : before the adjoint, whose rules are written for these opsets.
+    ensures : `model` is not changed; an IR version that old runtimes load; pixels of a Resize stay in their places.
 
     Raises
     ------
@@ -71,7 +75,7 @@ def _place_as_before(model: onnx.ModelProto) -> None:
     Output i lies at i / scale; the nearest pixel is the one below it, or, where all scales make the map smaller, the
     one above it, as ONNX Runtime has it.  The converter leaves the defaults of opset 11, which are others.
     """
-    constants = Graph(model)
+    constants = GraphView(model)
     for graph in nested_graphs(model.graph):
         for node in graph.node:
             if node.op_type == "Resize" and not node.domain:

@@ -5,29 +5,24 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
-import onnx
 
 from elf_export.graph.graph import Graph, attributes
 
-from .cut import cut
 
-
-def fold_batchnorm(model: onnx.ModelProto, keep: Collection[str] = ()) -> onnx.ModelProto:
+def fold_batchnorm(graph: Graph, keep: Collection[str] = ()) -> Graph:
     """BN(W * x + b) = (f W) * x + f (b - mean) + bias with f = scale / sqrt(var + eps), per output channel.
 
-    Only where the Conv's output has no other reader and is not in `keep` (a layer that is asked for).
+    requires : constant weights; `keep` are values that are asked for, such as a layer.
+    call : behind `fold_constants`, which finds more constants.
+    ensures : no BatchNormalization behind a Conv that nothing else reads and that is not in `keep`; the convolution
+        makes the value that it made.
     """
-    graph = Graph(model)
-    readers, producers = graph.consumers(), graph.producers()
-    outputs = {value.name for value in graph.model.graph.output}
-    renamed: dict[str, str] = {}
-    dropped: list[onnx.NodeProto] = []
-    for bn in graph.nodes:
-        conv = producers.get(bn.input[0]) if bn.op_type == "BatchNormalization" else None
+    for bn in list(graph.nodes):
+        conv = graph.producers().get(bn.input[0]) if bn.op_type == "BatchNormalization" else None
         if conv is None or conv.op_type != "Conv" or attributes(bn).get("training_mode", 0):
             continue
         middle = conv.output[0]
-        if middle in keep or middle in outputs or len(readers[middle]) > 1:
+        if middle in keep or middle in graph.outputs or len(graph.consumers()[middle]) > 1:
             continue
         weight = graph.constant(conv.input[1])
         params = [graph.constant(name) for name in bn.input[1:5]]
@@ -43,14 +38,7 @@ def fold_batchnorm(model: onnx.ModelProto, keep: Collection[str] = ()) -> onnx.M
             graph.const(new_weight, f"{conv.input[1]}/folded", weight.dtype),
             graph.const(new_bias, f"{conv.name or middle}/folded_bias", weight.dtype),
         ]
-        data = conv.input[0]
-        del conv.input[:]
-        conv.input.extend([data, *names])
-        renamed[middle] = bn.output[0]
-        dropped.append(bn)
-    for bn in dropped:
-        graph.model.graph.node.remove(bn)
-    for node in graph.nodes:
-        for i, name in enumerate(node.output):
-            node.output[i] = renamed.get(name, name)
-    return cut(graph.model, [value.name for value in graph.model.graph.output])
+        graph.remove(bn)
+        graph.rewire(conv, [conv.input[0], *names], [bn.output[0]])
+    graph.prune()
+    return graph

@@ -11,8 +11,6 @@ from onnx.reference import ReferenceEvaluator
 
 from elf_export.graph.graph import Array, Graph
 
-from .cut import cut
-
 MOST_ELEMENTS = 1 << 20  # of a result: a large constant that is computed from small ones stays computed
 MOST_STATED = 1024  # numbers of a tensor that inference may read a shape from
 RANDOM = frozenset({"Bernoulli", "Multinomial"})
@@ -28,32 +26,27 @@ GROWS = frozenset({
 """Whose results may be larger than their inputs together."""
 
 
-def fold_constants(model: onnx.ModelProto) -> onnx.ModelProto:
-    """A copy of `model` in which numbers that are computed from constants alone are initializers.
+def fold_constants(graph: Graph) -> Graph:
+    """Make initializers of numbers that are computed from constants alone.
 
-    Exporters write the pads of a Pad or the bounds of a Slice as chains of ConstantOfShape, Concat, Reshape
-    and Cast; a rule that needs the numbers finds them after this pass.  Folded are integers and booleans, and
-    floats that are only moved, which no rounding can change.
+    Exporters write the pads of a Pad or the bounds of a Slice as chains of ConstantOfShape, Concat, Reshape and Cast; a
+    rule that needs the numbers finds them after this pass.
+
+    requires : nodes in the order in which they run.
+    call : before anything that asks for constants.
+    ensures : integers and booleans are folded, and floats that are only moved, which no rounding can change.
     """
-    graph = Graph(model)
-    known: dict[str, Array] = {}
-    folded: list[onnx.NodeProto] = []
-    for node in graph.nodes:
-        values = {n: known[n] if n in known else graph.constant(n) for n in node.input if n}
+    for node in list(graph.nodes):
+        values = {name: graph.constant(name) for name in node.input if name}
         if not values or any(v is None for v in values.values()) or len(node.output) != 1 or node.op_type in RANDOM:
             continue
         result = _evaluate(node, {n: v for n, v in values.items() if v is not None}, graph.opset)
         if result is None or not (result.dtype.kind in "iub" or node.op_type in MOVES):
             continue
-        if result.size > max(MOST_ELEMENTS, *(v.size for v in values.values() if v is not None)):
-            continue
-        known[node.output[0]] = result
-        folded.append(node)
-    for node in folded:
-        graph.model.graph.node.remove(node)
-        tensor = graph.model.graph.initializer.add()
-        tensor.CopyFrom(onnx.numpy_helper.from_array(known[node.output[0]], node.output[0]))
-    return cut(graph.model, [value.name for value in graph.model.graph.output])
+        if result.size <= max(MOST_ELEMENTS, *(v.size for v in values.values() if v is not None)):
+            graph.replace_by_constant(node, result)
+    graph.prune()
+    return graph
 
 
 def _evaluate(node: onnx.NodeProto, values: dict[str, Array], opset: int) -> Array | None:

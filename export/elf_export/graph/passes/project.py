@@ -9,32 +9,26 @@ import numpy.typing as npt
 import onnx
 from onnx import helper
 
-from elf_export.graph.graph import Graph, attributes, captured
-
-from .cut import cut
+from elf_export.graph.graph import Graph, attributes
 
 Affine = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
 """matrix (D, d) and bias (d,): y = x @ matrix + bias"""
 
 
-def project(model: onnx.ModelProto, maps: Mapping[str, Affine], separate: bool = False) -> onnx.ModelProto:
-    """Outputs (N, h, w, D) of `model`, each made by a Transpose, become (N, h, w, d): a 1x1 convolution before it.
+def project(graph: Graph, maps: Mapping[str, Affine], separate: bool = False) -> Graph:
+    """Outputs (N, h, w, D), each made by a Transpose, become (N, h, w, d): a 1x1 convolution before it.
 
     Where a convolution W * x + b makes the map and nothing else reads it, no node is added:
     P^T (W * x + b) + c = (P^T W) * x + (P^T b + c), which is cheaper than before by D / d.
 
-    Parameters
-    ----------
-    maps : mapping
-        Output name -> its `Affine`.
-    separate : bool
-        Add the convolution in any case.
+    requires : the outputs of a saliency graph; `maps` has an `Affine` for each that is to change.
+    call : when all else is built; with `separate`, the convolution is added in any case.
+    ensures : the other outputs are what they were.
     """
-    graph = Graph(model)
     for output, affine in maps.items():
-        (last,) = (node for node in graph.nodes if output in node.output)
-        _project(graph, last, affine, separate)
-    return cut(graph.model, [value.name for value in model.graph.output])
+        _project(graph, graph.producers()[output], affine, separate)
+    graph.prune()
+    return graph
 
 
 def _project(graph: Graph, last: onnx.NodeProto, affine: Affine, separate: bool) -> None:
@@ -44,9 +38,7 @@ def _project(graph: Graph, last: onnx.NodeProto, affine: Affine, separate: bool)
     perm = attributes(last)["perm"]
     first = [perm[i] for i in (0, 3, 1, 2)]  # the source's axes in the order N, C, H, W
     made = graph.producers().get(source)
-    inside = any(source in captured(node) for node in graph.nodes)
-    outside = any(value.name == source for value in graph.model.graph.output)
-    free = not separate and len(graph.consumers()[source]) == 1 and not inside and not outside
+    free = not separate and len(graph.consumers()[source]) == 1 and source not in graph.outputs
     if free and made is not None and first == [0, 1, 2, 3] and _composed(graph, made, affine):
         projected = source
     else:
@@ -55,13 +47,13 @@ def _project(graph: Graph, last: onnx.NodeProto, affine: Affine, separate: bool)
         kernel = graph.const(matrix.T[:, :, None, None], f"{output}/projection", np.float32)
         offset = graph.const(bias, f"{output}/offset", np.float32)
         projected = graph.op("Conv", source, kernel, offset, name=f"{output}/projected")
-    moved = helper.make_node("Transpose", [projected], [output], name=last.name, perm=[0, 2, 3, 1])
-    graph.model.graph.node.remove(last)
-    graph.model.graph.node.append(moved)
+    graph.remove(last)
+    graph.add(helper.make_node("Transpose", [projected], [output], name=last.name, perm=[0, 2, 3, 1]))
     for value in graph.model.graph.output:
         if value.name == output:
             value.type.tensor_type.shape.dim[3].dim_value = matrix.shape[1]
     del graph.model.graph.value_info[:]
+    graph.retype(source, output)
 
 
 def _composed(graph: Graph, conv: onnx.NodeProto, affine: Affine) -> bool:
@@ -80,6 +72,5 @@ def _composed(graph: Graph, conv: onnx.NodeProto, affine: Affine) -> bool:
         graph.const(weights, f"{name}/projected_weight", kernel.dtype),
         graph.const(given.astype(np.float64) @ matrix + bias, f"{name}/projected_bias", kernel.dtype),
     ]
-    del conv.input[:]
-    conv.input.extend(inputs)
+    graph.rewire(conv, inputs)
     return True

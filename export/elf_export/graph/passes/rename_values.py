@@ -4,24 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import onnx
-
-from elf_export.graph.graph import nested_graphs
+from elf_export.graph.graph import Graph
 
 
-def rename_values(model: onnx.ModelProto, names: Mapping[str, str]) -> onnx.ModelProto:
-    """A copy of `model` in which each value of `names`, old name -> new name, is called by its new one.
+def rename_values(graph: Graph, names: Mapping[str, str]) -> Graph:
+    """Call each value of `names`, old name -> new name, by its new one.
 
-    Bodies of control-flow nodes read outer values by name, and may not define one of the same name: there too.
+    requires : new names that nothing has yet (`Graph.unique` gives such).
+    call : before names are compared with those of an export's own inputs and outputs.
+    ensures : the same graph otherwise.  Bodies of control-flow nodes read outer values by name: there too.
     """
-    result = onnx.ModelProto()
-    result.CopyFrom(model)
-    for graph in nested_graphs(result.graph):
-        for value in (*graph.input, *graph.output, *graph.value_info, *graph.initializer):
-            value.name = names.get(value.name, value.name)
-        for sparse in graph.sparse_initializer:
-            sparse.values.name = names.get(sparse.values.name, sparse.values.name)
-        for node in graph.node:
-            for ends in (node.input, node.output):
-                ends[:] = [names.get(name, name) for name in ends]
-    return result
+    graph.rename(names)
+    return graph

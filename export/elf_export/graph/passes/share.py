@@ -4,34 +4,28 @@ from __future__ import annotations
 
 import onnx
 
-from .cut import cut
+from elf_export.graph.graph import Graph, bodies
 
 
-def share(model: onnx.ModelProto) -> onnx.ModelProto:
-    """A copy of `model` without nodes and initializers that are copies of earlier ones.
+def share(graph: Graph) -> Graph:
+    """Remove nodes and initializers that are copies of earlier ones.
 
     Two nodes are copies if op, attributes and (after earlier merging) inputs are the same, two initializers
-    if type, shape and values are.  Nodes with bodies, and nodes that make a graph output, are left alone.
+    if type, shape and values are.
+
+    requires : nodes in the order in which they run.
+    call : behind a pass that may have written the same thing twice.
+    ensures : the same outputs.  Nodes with bodies, and nodes that make a graph output, are left alone.
     """
-    result = onnx.ModelProto()
-    result.CopyFrom(model)
-    proto = result.graph
-    outputs = {value.name for value in proto.output}
-    same: dict[str, str] = {}
-    first: dict[object, str] = {}
-    for tensor in proto.initializer:
-        nameless = onnx.TensorProto()
-        nameless.CopyFrom(tensor)
-        nameless.ClearField("name")
-        nameless.ClearField("doc_string")
-        original = first.setdefault(nameless.SerializeToString(deterministic=True), tensor.name)
+    outputs = set(graph.outputs)
+    first: dict[bytes, str] = {}
+    for tensor in graph.model.graph.initializer:
+        original = first.setdefault(_content(tensor), tensor.name)
         if original != tensor.name and tensor.name not in outputs:
-            same[tensor.name] = original
+            graph.replace_uses(tensor.name, original)
     made: dict[object, onnx.NodeProto] = {}
-    for node in proto.node:
-        for i, name in enumerate(node.input):
-            node.input[i] = same.get(name, name)
-        if any(a.HasField("g") or a.graphs for a in node.attribute):
+    for node in graph.nodes:
+        if bodies(node):
             continue
         attributes = sorted(a.SerializeToString(deterministic=True) for a in node.attribute)
         # An optional output that is left out counts as another node: it could not give what the other one's does.
@@ -39,5 +33,18 @@ def share(model: onnx.ModelProto) -> onnx.ModelProto:
         key = (node.domain, node.op_type, tuple(node.input), tuple(attributes), made_by)
         original_node = made.setdefault(key, node)
         if original_node is not node and not outputs.intersection(node.output):
-            same.update((name, its) for name, its in zip(node.output, original_node.output, strict=True) if name)
-    return cut(result, [value.name for value in proto.output])
+            for name, its in zip(node.output, original_node.output, strict=True):
+                if name:
+                    graph.replace_uses(name, its)
+    graph.prune()
+    return graph
+
+
+def _content(tensor: onnx.TensorProto) -> bytes:
+    """All that a tensor says but for its name."""
+    nameless = onnx.TensorProto()
+    nameless.CopyFrom(tensor)
+    nameless.ClearField("name")
+    nameless.ClearField("doc_string")
+    content: bytes = nameless.SerializeToString(deterministic=True)
+    return content

@@ -5,41 +5,39 @@ from __future__ import annotations
 import onnx
 from onnx import helper
 
+from elf_export.graph.graph import Graph
+
 WHOLE = {"kernel_shape": [2, 2], "strides": [2, 2]}
 ROWS = {"kernel_shape": [1, 2], "strides": [1, 2]}
 COLUMNS = {"kernel_shape": [2, 1], "strides": [2, 1]}
 
 
-def share_row_maxima(model: onnx.ModelProto) -> onnx.ModelProto:
-    """A copy of `model` in which a 2x2 max-pool of x takes the maxima of x's rows of pairs, where they are computed.
+def share_row_maxima(graph: Graph) -> Graph:
+    """A 2x2 max-pool of x takes the maxima of x's rows of pairs, where they are computed.
 
     The maximum of four values is that of the two rows' maxima, exactly; reading those moves half as much memory as
     reading x.
+
+    requires : nodes in the order in which they run.
+    call : behind the adjoint, which makes the row maxima.
+    ensures : the same bits; row maxima come before the first pool that takes them.
     """
-    result = onnx.ModelProto()
-    result.CopyFrom(model)
     rows: dict[str, onnx.NodeProto] = {}
-    for node in model.graph.node:
+    for node in graph.nodes:
         if _is_pool(node, ROWS):
             rows.setdefault(node.input[0], node)
-    nodes: list[onnx.NodeProto] = []
-    placed: set[str] = set()  # results of row maxima that stand in `nodes` already
-    for node in model.graph.node:
+    made: set[str] = set()  # row maxima that come before the node that is looked at
+    for node in list(graph.nodes):
         if _is_pool(node, WHOLE) and node.input[0] in rows:
-            source = rows[node.input[0]]
-            if source.output[0] not in placed:
-                placed.add(source.output[0])
-                nodes.append(source)
-            node = helper.make_node("MaxPool", source.output, node.output, node.name)
-            node.attribute.extend(helper.make_attribute(name, value) for name, value in COLUMNS.items())
-        if _is_pool(node, ROWS):
-            if node.output[0] in placed:
-                continue
-            placed.add(node.output[0])
-        nodes.append(node)
-    del result.graph.node[:]
-    result.graph.node.extend(nodes)
-    return result
+            source = rows[node.input[0]].output[0]
+            if source not in made:
+                made.add(source)
+                graph.move_before(graph.producers()[source], node)
+            with graph.replace_node(node):
+                graph.add(helper.make_node("MaxPool", [source], node.output, node.name, None, None, None, **COLUMNS))
+        elif _is_pool(node, ROWS):
+            made.add(node.output[0])
+    return graph
 
 
 def _is_pool(node: onnx.NodeProto, settings: dict[str, list[int]]) -> bool:

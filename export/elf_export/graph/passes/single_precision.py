@@ -21,6 +21,10 @@ def single_precision(model: onnx.ModelProto, floating_inputs: Collection[str] = 
     A gradient in float16 overflows where the forward pass does not, and ONNX Runtime's CPU convolves in
     float32 alone; what the weights lost when they were rounded stays lost.
 
+    requires : nothing; bodies are converted too.
+    call : before shapes are asked for, and before the adjoint.
+    ensures : `model` is not changed.
+
     Parameters
     ----------
     floating_inputs : names of inputs

@@ -7,32 +7,34 @@ import heapq
 import onnx
 
 from elf_export.errors import ExportError
-from elf_export.graph.graph import captured, nested_graphs
+from elf_export.graph.graph import Graph, captured, nested_graphs
 
 
-def sort_nodes(model: onnx.ModelProto) -> onnx.ModelProto:
-    """A copy of `model` in which every node stands behind those whose results it reads, in bodies too.
+def sort_nodes(graph: Graph) -> Graph:
+    """Put every node behind those whose results it reads, in bodies too.
 
-    ONNX demands it and converters to float16 forget it.  Nodes that are in order keep their places; those without an
-    output are left out.
+    ONNX demands it and converters to float16 forget it.
+
+    requires : every value has one maker.
+    call : on a model from a file, before all other passes.
+    ensures : nodes that are in order keep their places; those without an output are left out.
 
     Raises
     ------
     ExportError
         If nodes wait for one another in a circle.
     """
-    result = onnx.ModelProto()
-    result.CopyFrom(model)
-    for graph in nested_graphs(result.graph):
-        nodes = [node for node in graph.node if any(node.output)]
+    for proto in nested_graphs(graph.model.graph):
+        nodes = [node for node in proto.node if any(node.output)]
         order = _order(nodes)
-        if len(order) < len(graph.node) or order != sorted(order):
+        if len(order) < len(proto.node) or order != sorted(order):
             copies = [onnx.NodeProto() for _ in order]
             for copy, index in zip(copies, order, strict=True):
                 copy.CopyFrom(nodes[index])
-            del graph.node[:]
-            graph.node.extend(copies)
-    return result
+            del proto.node[:]
+            proto.node.extend(copies)
+    graph.reindex()
+    return graph
 
 
 def _order(nodes: list[onnx.NodeProto]) -> list[int]:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import onnx
 
-from elf_export.graph.graph import Array, Graph, attributes
-
-from .cut import cut
+from elf_export.graph.graph import Array, Graph, GraphView, attributes
 
 QUANTIZERS = frozenset({"QuantizeLinear", "DequantizeLinear"})
 # What only moves integers, or takes the largest: it does the same to the numbers that they stand for.
@@ -26,61 +24,52 @@ def without_rounding(model: onnx.ModelProto) -> tuple[onnx.ModelProto, int]:
     integers are the numbers that they stand for, so that what was rounded is not; weights keep the values that they
     were rounded to, and activations saturate where the integers do, which often is their Relu.
 
-    A model that uses its integers otherwise, or scales that it computes, is returned as it is.
+    requires : constant scales, and integers that are only moved; any other model is returned as it is.
+    call : before the adjoint.
+    ensures : `model` is not changed.
     """
     count = sum(node.op_type in QUANTIZERS for node in model.graph.node)
     if not count:
         return model, 0
-    graph = Graph(model)
+    read, graph = GraphView(model), Graph(model)
     scales: dict[str, Scale] = {}  # of the integers that are floats now
-    new: list[onnx.NodeProto] = []
-    for node in list(graph.nodes):
-        own = len(graph.model.graph.node)
-        replaced = True
-        if node.op_type == "QuantizeLinear":
-            replaced = _saturate(graph, node, scales)
-        elif node.op_type == "DequantizeLinear":
-            replaced = _stand_for(graph, node, scales)
+    for node, own in zip(read.nodes, list(graph.nodes), strict=True):
+        if node.op_type in QUANTIZERS:
+            with graph.replace_node(own):
+                known = (_saturate if node.op_type == "QuantizeLinear" else _stand_for)(read, graph, node, scales)
         else:
-            replaced = _moves(graph, node, scales)
-            new.append(node)
-        if not replaced:
+            known = _moves(read, graph, own, scales)
+        if not known:
             return model, 0
-        new += graph.model.graph.node[own:]
-    copies = [onnx.NodeProto() for _ in new]
-    for copy, node in zip(copies, new, strict=True):
-        copy.CopyFrom(node)
-    result = graph.model
-    del result.graph.node[:]
-    result.graph.node.extend(copies)
-    del result.graph.value_info[:]
-    for output in result.graph.output:
+    del graph.model.graph.value_info[:]
+    for output in graph.model.graph.output:
         if output.name in scales:
             output.type.tensor_type.elem_type = onnx.TensorProto.FLOAT
-    return cut(result, [output.name for output in result.graph.output]), count
+    graph.prune()
+    return graph.model, count
 
 
-def _scale_of(graph: Graph, node: onnx.NodeProto, integers: str) -> Scale | None:
+def _scale_of(read: GraphView, node: onnx.NodeProto, integers: str) -> Scale | None:
     """What a quantiser's integers stand for, None if that is computed or not by 8 or 16 bits."""
-    scale = graph.constant(node.input[1])
+    scale = read.constant(node.input[1])
     stated = node.input[2] if len(node.input) > 2 else ""
-    kind = graph.dtype(stated or integers)
-    zero = graph.constant(stated) if stated else np.zeros(1, kind)
+    kind = read.dtype(stated or integers)
+    zero = read.constant(stated) if stated else np.zeros(1, kind)
     if scale is None or zero is None or kind.kind not in "iu" or "block_size" in attributes(node):
         return None
     return scale.astype(np.float64), zero, int(attributes(node).get("axis", 1))
 
 
-def _saturate(graph: Graph, node: onnx.NodeProto, scales: dict[str, Scale]) -> bool:
+def _saturate(read: GraphView, graph: Graph, node: onnx.NodeProto, scales: dict[str, Scale]) -> bool:
     """q = saturate(round(x / s) + z) stands for x between (q_min - z) s and (q_max - z) s."""
     x, q = node.input[0], node.output[0]
-    found = _scale_of(graph, node, q)
+    found = _scale_of(read, node, q)
     if found is None:
         return False
     scale, zero, axis = found
     limits = np.iinfo(zero.dtype)
     low, high = ((limit - zero.astype(np.float64)) * scale for limit in (limits.min, limits.max))
-    constant = graph.constant(x)
+    constant = read.constant(x)
     name = node.name or q
     if constant is not None:
         s, z = (_along(v, axis, constant.ndim) for v in (scale, zero.astype(np.float64)))
@@ -91,7 +80,7 @@ def _saturate(graph: Graph, node: onnx.NodeProto, scales: dict[str, Scale]) -> b
         ceiling = graph.const(high.reshape(()), f"{name}/high", np.float32)
         graph.op("Clip", x, floor, ceiling, name=name, outputs=[q])
     else:
-        rank = graph.rank(x)
+        rank = read.rank(x)
         if rank is None:
             return False
         floor = graph.const(_along(low, axis, rank), f"{name}/low", np.float32)
@@ -101,13 +90,13 @@ def _saturate(graph: Graph, node: onnx.NodeProto, scales: dict[str, Scale]) -> b
     return True
 
 
-def _stand_for(graph: Graph, node: onnx.NodeProto, scales: dict[str, Scale]) -> bool:
+def _stand_for(read: GraphView, graph: Graph, node: onnx.NodeProto, scales: dict[str, Scale]) -> bool:
     """x = (q - z) s, where q holds what its own scale and zero say already."""
     q, x = node.input[0], node.output[0]
-    found = _scale_of(graph, node, q)
+    found = _scale_of(read, node, q)
     if found is None:
         return False
-    constant, name = graph.constant(q), node.name or x
+    constant, name = read.constant(q), node.name or x
     scale, zero, axis = found
     if constant is not None:
         s, z = (_along(v, axis, constant.ndim) for v in (scale, zero.astype(np.float64)))
@@ -122,7 +111,7 @@ def _stand_for(graph: Graph, node: onnx.NodeProto, scales: dict[str, Scale]) -> 
     if np.array_equal(scale, own_scale) and np.array_equal(zero, own_zero):
         graph.op("Identity", q, name=name, outputs=[x])
         return True
-    rank = graph.rank(q) or 0
+    rank = read.rank(q) or 0
     s, s_own = _along(scale, axis, rank), _along(own_scale, own_axis, rank)
     z, z_own = (_along(v.astype(np.float64), a, rank) for v, a in ((zero, axis), (own_zero, own_axis)))
     factor = graph.const(s / s_own, f"{name}/factor", np.float32)
@@ -131,7 +120,7 @@ def _stand_for(graph: Graph, node: onnx.NodeProto, scales: dict[str, Scale]) -> 
     return True
 
 
-def _moves(graph: Graph, node: onnx.NodeProto, scales: dict[str, Scale]) -> bool:
+def _moves(read: GraphView, graph: Graph, node: onnx.NodeProto, scales: dict[str, Scale]) -> bool:
     """Whether a node leaves the integers among its inputs what they stand for; notes what its outputs stand for."""
     integers = [name for name in node.input if name in scales]
     if not integers:
@@ -143,13 +132,12 @@ def _moves(graph: Graph, node: onnx.NodeProto, scales: dict[str, Scale]) -> bool
         return False
     if node.op_type == "Pad" and attributes(node).get("mode", "constant") == "constant":
         stated = node.input[2] if len(node.input) > 2 else ""
-        fill = graph.constant(stated) if stated else np.zeros(())
+        fill = read.constant(stated) if stated else np.zeros(())
         if fill is None:
             return False
         real = (fill.astype(np.float64) - first[1].astype(np.float64).reshape(())) * first[0].reshape(())
-        rest = list(node.input[3:])
-        del node.input[2:]
-        node.input.extend([graph.const(real.reshape(()), f"{node.name or node.output[0]}/fill", np.float32), *rest])
+        fill_name = graph.const(real.reshape(()), f"{node.name or node.output[0]}/fill", np.float32)
+        graph.rewire(node, [*node.input[:2], fill_name, *node.input[3:]])
     scales.update((name, first) for name in node.output if name)
     return True
 

@@ -1,4 +1,8 @@
-"""Lower precision: 8-bit integers fitted to photographs."""
+"""A float graph in 8-bit integers that are fitted to photographs.
+
+`candidates` says what may be rounded, `ranges` fits the schemes, `rewrite` makes the graph, and `speedup` says which
+regions of it gain.  May import what `precision` may.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ import onnx
 
 from elf_export.calibration import CalibrationSet
 from elf_export.errors import ExportError
+from elf_export.graph.graph import GraphView
 from elf_runtime import InputSpec
 
 from .candidates import candidates
@@ -17,7 +22,7 @@ __all__ = ["quantize"]
 
 
 def quantize(model: onnx.ModelProto, images: CalibrationSet, spec: InputSpec, scale: float) -> onnx.ModelProto:
-    """`model` with its convolutions in 8-bit integers where `worth` finds that faster; see `rewrite` for how.
+    """`model` with its convolutions in 8-bit integers where `speedup` finds that faster; see `rewrite` for how.
 
     Parameters
     ----------
@@ -29,14 +34,15 @@ def quantize(model: onnx.ModelProto, images: CalibrationSet, spec: InputSpec, sc
     Raises
     ------
     ExportError
-        If no convolution is worth it.
+        If no convolution gains.
     """
-    names = candidates(model)
-    schemes = schemes_for(model, names, images, spec, scale) if names else {}
+    source = GraphView(model)
+    names = candidates(source)
+    schemes = schemes_for(source, names, images, spec, scale) if names else {}
     left: set[str] = set()
     pixels = next(iter(images.batches(spec, scale)))
     while True:
-        lowered, origins = rewrite(model, schemes, left)
+        lowered, origins = rewrite(source, schemes, left)
         if not origins:
             raise ExportError("int8: 8-bit integers make no convolution of this network faster; use fp32, fp16 or bf16")
         lost = losing(lowered, origins, pixels)

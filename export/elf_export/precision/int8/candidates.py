@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import onnx
 
 from elf_export.adjoint.emit import STEEP
 from elf_export.adjoint.gradient import ADJOINT
-from elf_export.graph.graph import Graph, attributes
+from elf_export.graph.graph import GraphView, attributes
 from elf_export.graph.response import sums_channels
 
 # Ops that only move values, or choose among them: a result has the scheme of what it is made from.
@@ -20,17 +20,16 @@ MOVING = frozenset({
 # Ops of rounded values whose result gets a scheme of its own.
 COMBINING = frozenset({"Add", "Sum", "AveragePool", "Concat"})
 CLAMPING = frozenset({"Relu", "Clip"})
-WORTH = 10  # multiply-adds for each value that is read or written: with fewer, rounding costs more than is saved
+INTENSITY = 10  # multiply-adds per value read or written; below that, rounding costs more than it saves
 
-Readers = Mapping[str, list[onnx.NodeProto]]
+Readers = Mapping[str, Sequence[onnx.NodeProto]]
 
 
-def candidates(model: onnx.ModelProto) -> list[str]:
+def candidates(graph: GraphView) -> list[str]:
     """The values that may need a scheme of their own: convolutions' inputs and results, and what combines such.
 
     None where no convolution gains from 8 bits.
     """
-    graph = Graph(model)
     if not any(is_convolution(graph, node) for node in graph.nodes):
         return []
     readers = graph.consumers()
@@ -48,7 +47,7 @@ def candidates(model: onnx.ModelProto) -> list[str]:
     return [name for name in found if (graph.rank(name) or 0) == 4]
 
 
-def is_convolution(graph: Graph, node: onnx.NodeProto) -> bool:
+def is_convolution(graph: GraphView, node: onnx.NodeProto) -> bool:
     """A two-dimensional Conv in float32 with constant weights that 8 bits make faster."""
     if node.op_type != "Conv" or graph.dtype(node.input[0]) != np.float32:
         return False
@@ -59,11 +58,11 @@ def is_convolution(graph: Graph, node: onnx.NodeProto) -> bool:
     if sums_channels(kernel, group):
         return False  # squares, for example: what spans too many powers of two for 8 bits
     results, channels = kernel.shape[:2]
-    worth = channels > 1 and kernel.size >= WORTH * (channels + results)
-    return bool(worth or group > 1)
+    intense = channels > 1 and kernel.size >= INTENSITY * (channels + results)
+    return bool(intense or group > 1)
 
 
-def is_spreading(graph: Graph, readers: Readers, node: onnx.NodeProto) -> bool:
+def is_spreading(graph: GraphView, readers: Readers, node: onnx.NodeProto) -> bool:
     """A strided convolution's adjoint that can be written as convolutions: a ConvTranspose read by its Slice alone."""
     if node.op_type != "ConvTranspose" or len(node.input) > 2 or graph.dtype(node.input[0]) != np.float32:
         return False
@@ -77,7 +76,7 @@ def is_spreading(graph: Graph, readers: Readers, node: onnx.NodeProto) -> bool:
     return bool(fits and strides[0] == strides[1] > 1 and _is_cropped(graph, readers, node))
 
 
-def _is_cropped(graph: Graph, readers: Readers, node: onnx.NodeProto) -> bool:
+def _is_cropped(graph: GraphView, readers: Readers, node: onnx.NodeProto) -> bool:
     """Whether all that is read of the node's result is a part from its first row and column on.
 
     The convolutions make more of both behind its last ones: no end may count from there, nor lie beyond.  Of computed

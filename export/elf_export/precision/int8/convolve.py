@@ -7,7 +7,7 @@ import onnx
 
 from elf_export.graph.graph import Array, attributes
 
-from .integers import Rewriting
+from .quantizer import Quantizer
 from .scheme import weights
 
 FINE = 16.0  # how much finer small gradients are kept than large ones
@@ -15,34 +15,36 @@ FINE = 16.0  # how much finer small gradients are kept than large ones
 DEPTH, BREADTH = 4, 16
 
 
-def convolve(state: Rewriting, node: onnx.NodeProto, x: str, kernel: Array, bias: Array | None, output: str) -> None:
+def convolve(
+    quantizer: Quantizer, node: onnx.NodeProto, x: str, kernel: Array, bias: Array | None, output: str
+) -> None:
     """The Conv with the rounded input, int8 weights and an int32 bias."""
-    graph = state.graph
+    graph = quantizer.graph
     q, scales = weights(kernel)
-    source, given = state.twins[x], attributes(node)
+    source, given = quantizer.twins[x], attributes(node)
     lack = -kernel.shape[1] % DEPTH
     if lack and given.get("group", 1) == 1:
         q = np.pad(q, [(0, 0), (0, lack), (0, 0), (0, 0)])
-        source = _deepened(state, x, kernel.shape[1], lack)
-    inputs = [source, _constant(state, q, scales, f"{output}/weight")]
+        source = _deepened(quantizer, x, kernel.shape[1], lack)
+    inputs = [source, _constant(quantizer, q, scales, f"{output}/weight")]
     if bias is not None:
-        steps = scales * np.float32(state.rounding[x].scale)
+        steps = scales * np.float32(quantizer.rounding[x].scale)
         whole = np.clip(np.rint(bias / steps.astype(np.float64)), -(2**31) + 1, 2**31 - 1)
-        inputs.append(_constant(state, whole.astype(np.int32), steps, f"{output}/bias"))
+        inputs.append(_constant(quantizer, whole.astype(np.int32), steps, f"{output}/bias"))
     graph.op("Conv", *inputs, name=node.name or output, outputs=[output], **given)
 
 
-def _deepened(state: Rewriting, x: str, depth: int, lack: int) -> str:
+def _deepened(quantizer: Quantizer, x: str, depth: int, lack: int) -> str:
     """x with so many more channels, for weights of zero: its first ones again, whose planes are quickly copied."""
-    graph, scheme = state.graph, state.rounding[x]
+    graph, scheme = quantizer.graph, quantizer.rounding[x]
     channels = graph.int64s(np.arange(depth + lack) % depth, f"{x}/deep_channels")
-    q = graph.op("Gather", state.integers[x], channels, name=f"{x}/deep_q", axis=1)
-    return graph.op("DequantizeLinear", q, *state.scale(f"{x}/deep", scheme), name=f"{x}/deep")
+    q = graph.op("Gather", quantizer.integers[x], channels, name=f"{x}/deep_q", axis=1)
+    return graph.op("DequantizeLinear", q, *quantizer.scale(f"{x}/deep", scheme), name=f"{x}/deep")
 
 
-def _constant(state: Rewriting, q: Array, scales: Array, name: str) -> str:
+def _constant(quantizer: Quantizer, q: Array, scales: Array, name: str) -> str:
     """Weights or biases, one scale for each output channel."""
-    graph = state.graph
+    graph = quantizer.graph
     zeros = graph.const(np.zeros(len(scales), q.dtype), f"{name}_zero")
     constants = graph.const(q, f"{name}_q"), graph.const(scales, f"{name}_scale"), zeros
     return graph.op("DequantizeLinear", *constants, name=name, axis=0)
@@ -54,17 +56,17 @@ def two_steps_of(kernel: Array, breadth: int) -> Array:
     return np.concatenate([kernel, kernel * FINE, idle])
 
 
-def magnitude_of_two(state: Rewriting, y: str, both: str, count: int) -> None:
+def magnitude_of_two(quantizer: Quantizer, y: str, both: str, count: int) -> None:
     """|W x| in steps that are finer where it is small: |F W x| / F up to where that saturates."""
-    graph, scheme = state.graph, state.schemes[y]
+    graph, scheme = quantizer.graph, quantizer.schemes[y]
     axis, halves = graph.int64s([1], f"{y}/axis"), []
     for start, name in ((0, "coarse"), (count, "fine")):
         bounds = [graph.int64s([v], f"{y}/{name}_{what}") for v, what in ((start, "from"), (start + count, "to"))]
-        q = graph.op("Slice", state.integers[both], *bounds, axis, name=f"{y}/{name}_q")
-        value = graph.op("DequantizeLinear", q, *state.scale(f"{y}/{name}", scheme), name=f"{y}/{name}")
+        q = graph.op("Slice", quantizer.integers[both], *bounds, axis, name=f"{y}/{name}_q")
+        value = graph.op("DequantizeLinear", q, *quantizer.scale(f"{y}/{name}", scheme), name=f"{y}/{name}")
         halves.append(graph.op("Abs", value, name=f"{y}/{name}_magnitude"))
     # -128 and 127 both saturate.
     top = graph.const(np.float32(126.5 * scheme.scale), f"{y}/top")
     inside = graph.op("Less", halves[1], top, name=f"{y}/fits")
     fine = graph.op("Mul", halves[1], graph.const(np.float32(1 / FINE), f"{y}/unit"), name=f"{y}/fine_scaled")
-    state.twins[y] = graph.op("Where", inside, fine, halves[0], name=f"{y}/magnitude")
+    quantizer.twins[y] = graph.op("Where", inside, fine, halves[0], name=f"{y}/magnitude")

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import onnx
 
 from elf_export.calibration import CalibrationSet
-from elf_export.graph.graph import Graph
-from elf_export.graph.passes import cut
+from elf_export.graph.graph import GraphView
 from elf_runtime import InputSpec
 from elf_runtime.model.session import open_session
 
@@ -19,9 +17,9 @@ MOST_VALUES = 50_000  # of one tensor of one image
 
 
 def schemes_for(
-    model: onnx.ModelProto, names: Sequence[str], images: CalibrationSet, spec: InputSpec, scale: float
+    graph: GraphView, names: Sequence[str], images: CalibrationSet, spec: InputSpec, scale: float
 ) -> dict[str, Scheme]:
-    """Schemes for the values `names` of `model`, fitted to what they are on the calibration images.
+    """Schemes for the values `names`, fitted to what they are on the calibration images.
 
     Parameters
     ----------
@@ -30,12 +28,10 @@ def schemes_for(
     scale : float
         Working scale at which the network will see images.
     """
-    inputs = {value.name for value in model.graph.input}
-    wanted = [name for name in names if name not in inputs]
-    part = cut(model, wanted)
-    shapeless = Graph(part)
+    wanted = [name for name in names if name not in graph.inputs]
+    part = graph.part(wanted)
     for value in part.graph.output:
-        value.CopyFrom(onnx.helper.make_tensor_value_info(value.name, shapeless.elem_type(value.name), None))
+        value.type.tensor_type.ClearField("shape")
     session, _ = open_session(part.SerializeToString())
     samples: dict[str, list[Array]] = {name: [] for name in wanted}
     for pixels in images.batches(spec, scale):

@@ -15,7 +15,7 @@ import numpy.typing as npt
 import onnx
 from onnx import TensorProto, helper
 
-from elf_export.graph.graph import Graph, attributes
+from elf_export.graph.graph import Graph, GraphView, attributes
 from elf_runtime.model.session import open_session
 
 from .candidates import CLAMPING
@@ -46,10 +46,10 @@ def losing(model: onnx.ModelProto, origins: Mapping[str, str], pixels: npt.NDArr
 
 class _Regions:
     def __init__(self, model: onnx.ModelProto, origins: Mapping[str, str], pixels: npt.NDArray[np.float32]) -> None:
-        self.graph = Graph(model)
+        self.graph = GraphView(model)
         self.origins = origins
         self.readers, self.makers = self.graph.consumers(), self.graph.producers()
-        self.outputs = {value.name for value in model.graph.output}
+        self.outputs = set(self.graph.outputs)
         self.parents: dict[str, str] = {}
         self.sizes = _sizes(self.graph, pixels)
 
@@ -140,21 +140,20 @@ class _Regions:
         self.parents[self._region(a)] = self._region(b)
 
 
-def _sizes(graph: Graph, pixels: npt.NDArray[np.float32]) -> dict[str, list[int]]:
+def _sizes(graph: GraphView, pixels: npt.NDArray[np.float32]) -> dict[str, list[int]]:
     """The sizes of what a model computes from one image, as it runs on it."""
     probe = Graph(graph.model)
-    inputs = [value.name for value in probe.model.graph.input]
+    inputs = probe.inputs
     made = [name for name in _computed(graph, inputs) if name not in inputs]
     outputs = {probe.op("Shape", name, name=f"{name}/size"): name for name in made}
-    del probe.model.graph.output[:]
-    probe.model.graph.output.extend(helper.make_tensor_value_info(name, TensorProto.INT64, [None]) for name in outputs)
+    probe.set_outputs([helper.make_tensor_value_info(name, TensorProto.INT64, [None]) for name in outputs])
     session, _ = open_session(probe.model.SerializeToString(), optimize=False)
     found = session.run(list(outputs), {inputs[0]: pixels})
     sizes = {outputs[name]: [int(d) for d in dims] for name, dims in zip(outputs, found, strict=True)}
     return sizes | {inputs[0]: list(pixels.shape)}
 
 
-def _computed(graph: Graph, inputs: Collection[str]) -> list[str]:
+def _computed(graph: GraphView, inputs: Collection[str]) -> list[str]:
     """What depends on the values of `inputs`, not on their shapes alone."""
     found = dict.fromkeys(inputs)
     for node in graph.nodes:

@@ -13,28 +13,28 @@ from collections.abc import Sequence
 import numpy as np
 import onnx
 
-from elf_export.adjoint import interleave as joining
+from elf_export.adjoint import interleave
 from elf_export.graph.graph import Array, attributes
 
 from .candidates import only_reader
 from .convolve import BREADTH, convolve, magnitude_of_two, two_steps_of
-from .integers import Rewriting
+from .quantizer import Quantizer
 from .scheme import Scheme
 
 Phase = tuple[int, int]
 
 
-def spread(state: Rewriting, node: onnx.NodeProto) -> None:
+def spread(quantizer: Quantizer, node: onnx.NodeProto) -> None:
     """Append what takes the place of a ConvTranspose whose input is rounded."""
-    y, scheme = node.output[0], state.schemes[node.output[0]]
+    y, scheme = node.output[0], quantizer.schemes[node.output[0]]
     given = attributes(node)
-    kernel = state.graph.constant(node.input[1])
-    assert kernel is not None, "is_spreading has seen to that"
+    kernel = quantizer.source.constant(node.input[1])
+    assert kernel is not None, "checked by is_spreading"
     stride, group = given["strides"][0], given.get("group", 1)
     if group == 1:
         kernel = kernel.swapaxes(0, 1)
     count = len(kernel)
-    magnitude = group == 1 and _is_magnitude(state, y)
+    magnitude = group == 1 and _is_magnitude(quantizer, y)
     if magnitude:
         kernel = two_steps_of(kernel, max(1, BREADTH // stride**2))
     phases = [(a, b) for a in range(stride) for b in range(stride)]
@@ -44,14 +44,14 @@ def spread(state: Rewriting, node: onnx.NodeProto) -> None:
     parts = []
     for wanted in [phases] if together else [[phase] for phase in phases]:
         name = all_phases(y) if together else "{}/phase_{}{}".format(y, *wanted[0])
-        parts.append(_convolved(state, node, kernel, stride, begin, wanted, name, scheme))
-    q = _interleaved(state, y, parts, stride, len(kernel))
+        parts.append(_convolved(quantizer, node, kernel, stride, begin, wanted, name, scheme))
+    q = _interleaved(quantizer, y, parts, stride, len(kernel))
     if not magnitude:
-        state.dequantize(y, q, scheme)
+        quantizer.dequantize(y, q, scheme)
         return
     both = f"{y}/both"
-    state.dequantize(both, q, scheme)
-    magnitude_of_two(state, y, both, count)
+    quantizer.dequantize(both, q, scheme)
+    magnitude_of_two(quantizer, y, both, count)
 
 
 def all_phases(y: str) -> str:
@@ -59,15 +59,15 @@ def all_phases(y: str) -> str:
     return f"{y}/phases"
 
 
-def _is_magnitude(state: Rewriting, y: str) -> bool:
+def _is_magnitude(quantizer: Quantizer, y: str) -> bool:
     """Whether the part that is read of y goes to an Abs, and nowhere else."""
-    part = only_reader(state.readers, y)
-    after = only_reader(state.readers, part.output[0]) if part is not None else None
+    part = only_reader(quantizer.readers, y)
+    after = only_reader(quantizer.readers, part.output[0]) if part is not None else None
     return after is not None and after.op_type == "Abs"
 
 
 def _convolved(
-    state: Rewriting, node: onnx.NodeProto, kernel: Array, stride: int, begin: Sequence[int],
+    quantizer: Quantizer, node: onnx.NodeProto, kernel: Array, stride: int, begin: Sequence[int],
     wanted: Sequence[Phase], name: str, scheme: Scheme,
 ) -> str:  # fmt: skip
     """The integers of the phases `wanted`, side by side along the channels."""
@@ -87,10 +87,10 @@ def _convolved(
     conv = onnx.helper.make_node(
         "Conv", node.input[:1], [name], name=name, kernel_shape=size, pads=pads, group=attributes(node).get("group", 1)
     )
-    convolve(state, conv, node.input[0], part.reshape(-1, *part.shape[2:]), None, name)
-    state.origins[name] = node.output[0]
-    state.round(name, scheme)
-    return state.integers[name]
+    convolve(quantizer, conv, node.input[0], part.reshape(-1, *part.shape[2:]), None, name)
+    quantizer.origins[name] = node.output[0]
+    quantizer.round(name, scheme)
+    return quantizer.integers[name]
 
 
 def _taps(size: int, stride: int, begin: int, phases: Sequence[int]) -> list[tuple[int, int, int]]:
@@ -99,20 +99,20 @@ def _taps(size: int, stride: int, begin: int, phases: Sequence[int]) -> list[tup
     return [(at // stride, at % stride, j) for at, j in found if at % stride in phases]
 
 
-def _interleaved(state: Rewriting, y: str, parts: list[str], stride: int, channels: int) -> str:
+def _interleaved(quantizer: Quantizer, y: str, parts: list[str], stride: int, channels: int) -> str:
     """(N, C, h, w) for each phase, in raster order, to (N, C, h s, w s)."""
-    graph = state.graph
+    graph = quantizer.graph
     joined = parts[0] if len(parts) == 1 else graph.op("Concat", *parts, name=f"{y}/phases_q", axis=1)
-    last = joining.channels_last(graph, joined, f"{y}/phases_nhwc")
+    last = interleave.channels_last(graph, joined, f"{y}/phases_nhwc")
     apart = graph.op(
         "Reshape", last, graph.int64s([0, 0, 0, stride, stride * channels], f"{y}/apart_shape"), name=f"{y}/apart"
     )
     rows = graph.op("Transpose", apart, name=f"{y}/rows", perm=[0, 1, 3, 2, 4])
-    width = joining.slice_of_shape(graph, last, 2, 3, f"{y}/width")
+    width = interleave.slice_of_shape(graph, last, 2, 3, f"{y}/width")
     wide = graph.op("Mul", width, graph.int64s([stride], f"{y}/stride"), name=f"{y}/wide")
     shape = graph.op(
         "Concat", graph.int64s([0, -1], f"{y}/keep"), wide, graph.int64s([channels], f"{y}/channels"),
         name=f"{y}/whole_shape", axis=0,
     )  # fmt: skip
     whole = graph.op("Reshape", rows, shape, name=f"{y}/whole")
-    return joining.channels_first(graph, whole, f"{y}/whole_q")
+    return interleave.channels_first(graph, whole, f"{y}/whole_q")

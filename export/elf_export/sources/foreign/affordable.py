@@ -9,7 +9,7 @@ import onnx
 from onnx import helper
 
 from elf_export.errors import ExportError
-from elf_export.graph.graph import Graph
+from elf_export.graph.graph import GraphView
 from elf_export.graph.image_input import ImageInput
 
 MOST = 2 << 30  # bytes that one node may read and write
@@ -20,7 +20,7 @@ def require_affordable(model: onnx.ModelProto, image: ImageInput) -> None:
 
     Sizes are those that shape inference finds; where it finds none, the model's weights bound what it can do.
     """
-    graph = Graph(model)
+    graph = GraphView(model)
     batch, height, width = ((graph.shape(image.name) or [])[image.layout.index(a)] for a in "NHW")
     at = f"{batch} image(s) of {width}x{height} pixels, as its file states,"
     if None in image.size:
@@ -38,7 +38,7 @@ def require_affordable(model: onnx.ModelProto, image: ImageInput) -> None:
             )
 
 
-def _bytes(graph: Graph, name: str) -> int:
+def _bytes(graph: GraphView, name: str) -> int:
     shape = graph.shape(name)
     if shape is None or not all(isinstance(d, int) for d in shape):
         return 0

@@ -6,7 +6,7 @@ import onnx
 from onnx import TensorProto
 
 from elf_export.errors import ExportError
-from elf_export.graph.graph import Graph
+from elf_export.graph.graph import GraphView
 from elf_export.graph.image_input import ImageInput
 from elf_export.graph.layout import COLOR_CHANNELS, layout_of, static_size
 
@@ -34,7 +34,7 @@ def find_image_input(model: onnx.ModelProto, name: str | None = None) -> ImageIn
     ExportError
         If there is no such input, several, or an image of another shape.
     """
-    graph = Graph(model)
+    graph = GraphView(model)
     inputs = [value.name for value in model.graph.input]
     listing = "\n".join(f"  {n}: {_described(graph, n)}" for n in inputs)
     if name is not None:
@@ -60,7 +60,7 @@ def find_image_input(model: onnx.ModelProto, name: str | None = None) -> ImageIn
     )
 
 
-def _as_image(graph: Graph, name: str) -> ImageInput | None:
+def _as_image(graph: GraphView, name: str) -> ImageInput | None:
     shape = graph.shape(name)
     if shape is None or len(shape) != 4 or graph.elem_type(name) not in PIXEL_TYPES:
         return None
@@ -71,7 +71,7 @@ def _as_image(graph: Graph, name: str) -> ImageInput | None:
     return ImageInput(name, layout, channels, (static_size(n), static_size(h), static_size(w)))
 
 
-def _described(graph: Graph, name: str) -> str:
+def _described(graph: GraphView, name: str) -> str:
     shape = graph.shape(name)
     dims = "of unknown rank" if shape is None else "(" + ", ".join("?" if d is None else str(d) for d in shape) + ")"
     return f"{TensorProto.DataType.Name(graph.elem_type(name)).lower()} {dims}"

@@ -10,7 +10,7 @@ from google.protobuf.message import DecodeError  # type: ignore[import-untyped]
 from onnx import inliner
 
 from elf_export.errors import ExportError
-from elf_export.graph.graph import nested_graphs
+from elf_export.graph.graph import Graph, nested_graphs
 from elf_export.graph.passes import sort_nodes, standard_ops
 from elf_runtime.errors import first_line, reason
 from elf_runtime.files.kind import HEAD, description, open_regular
@@ -66,7 +66,7 @@ def _loaded(file: Path) -> onnx.ModelProto:
     inputs = [value for value in model.graph.input if value.name not in stored]
     del model.graph.input[:]
     model.graph.input.extend(inputs)
-    return standard_ops(sort_nodes(model))
+    return standard_ops(sort_nodes(Graph(model, copy=False))).model
 
 
 def _standard_domain(model: onnx.ModelProto) -> None:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import onnx
 
 from elf_export.adjoint import opset_wanted
-from elf_export.adjoint.engine import QUANTISED
+from elf_export.adjoint.preflight import QUANTISED
 from elf_export.errors import ExportError, LayerError
-from elf_export.graph.graph import Graph, captured
+from elf_export.graph.graph import Graph, GraphView, captured
 from elf_export.graph.image_input import ImageInput
 from elf_export.graph.passes import convert_opset, cut, fold_constants, opset_of, single_precision, without_rounding
 from elf_export.graph.passes.without_rounding import QUANTIZERS
@@ -99,7 +99,8 @@ def in_known_opset(
     own = opset_of(model)
     moved = convert_opset(model)
     free = with_sizes(moved, image, Sizes())
-    wanted = max((opset_wanted(Graph(fold_constants(free)), image.name, layer) for layer in layers), default=0)
+    graph = fold_constants(Graph(free, copy=False))
+    wanted = max((opset_wanted(graph, image.name, layer) for layer in layers), default=0)
     if max(wanted, least) <= opset_of(moved):
         return moved, ()
     try:
@@ -125,7 +126,7 @@ def in_floats(model: onnx.ModelProto) -> tuple[onnx.ModelProto, tuple[str, ...]]
 
 def require_floats(model: onnx.ModelProto, layers: Sequence[str]) -> None:
     """Raise LayerError on a layer of integers, booleans or text."""
-    graph = Graph(model)
+    graph = GraphView(model)
     for name in layers:
         kind = onnx.TensorProto.DataType.Name(graph.elem_type(name)).lower()
         if kind != "float":

@@ -8,7 +8,7 @@ from onnx import helper, numpy_helper
 
 from elf_export.errors import ExportError
 from elf_export.graph.cost import sizes_of
-from elf_export.graph.graph import Graph
+from elf_export.graph.graph import Graph, GraphView
 from elf_export.graph.image_input import ImageInput
 from elf_export.graph.sizes import Sizes, with_sizes
 
@@ -21,10 +21,10 @@ def with_ranks(model: onnx.ModelProto, image: ImageInput, sizes: Sizes) -> onnx.
     The length of a list of sizes counts too: as a Reshape's target it is the rank of what that one makes.  Rules and
     checks need ranks; what is the same number at two sizes of the image is taken to be it at every size.
     """
-    graph = Graph(model)
+    graph = GraphView(model)
     unknown = [name for node in graph.nodes for name in node.output if name and graph.rank(name) is None]
     for name in unknown:
-        if Graph(model).rank(name) is None and (shape := _kept_shape(model, image, sizes, name)) is not None:
+        if GraphView(model).rank(name) is None and (shape := _kept_shape(model, image, sizes, name)) is not None:
             model = _reshaped(model, name, shape)
     return model
 
@@ -33,13 +33,13 @@ def _kept_shape(model: onnx.ModelProto, image: ImageInput, sizes: Sizes, name: s
     """The target of a Reshape that keeps a value as it is: 0 stands for an axis of any size."""
     try:
         small, large = (
-            sizes_of(Graph(with_sizes(model, image, Sizes(*sizes.near(*size), 1))), [name])[name] for size in AT
+            sizes_of(GraphView(with_sizes(model, image, Sizes(*sizes.near(*size), 1))), [name])[name] for size in AT
         )
     except ExportError:  # a sequence, which has no sizes
         return None
     if len(small) != len(large):
         return None
-    integers = Graph(model).elem_type(name) == onnx.TensorProto.INT64
+    integers = GraphView(model).elem_type(name) == onnx.TensorProto.INT64
     return small if integers and len(small) == 1 and small == large else [0] * len(small)
 
 

@@ -7,20 +7,22 @@ from collections.abc import Collection, Mapping
 import numpy as np
 import onnx
 
-from elf_export.graph.graph import Graph
+from elf_export.graph.graph import Graph, GraphView
 
 from .candidates import MOVING
 from .scheme import MASK, Scheme
 
 
-class Rewriting:
+class Quantizer:
     """The graph under construction and what is known of its values.
 
     Attributes
     ----------
+    source : the float graph, which is only read
+    graph : a copy of it, whose nodes are replaced one after the other
     schemes : how to round what needs a scheme of its own
     left : results of convolutions that stay in floats
-    old, readers, makers : the float graph's nodes, who reads a value in it, and who makes it
+    readers, makers : who reads a value in the float graph, and who makes it
     integers : a value -> its integers
     twins : a value -> the rounded one that its readers get
     rounding : and how it was rounded
@@ -31,14 +33,13 @@ class Rewriting:
     shared : products with masks -> the scheme of the sums that they are put together with
     """
 
-    def __init__(self, model: onnx.ModelProto, schemes: Mapping[str, Scheme], left: Collection[str] = ()) -> None:
-        self.graph = Graph(model)
+    def __init__(self, source: GraphView, schemes: Mapping[str, Scheme], left: Collection[str] = ()) -> None:
+        self.source = source
+        self.graph = Graph(source.model)
         self.schemes = schemes
         self.left = left
-        self.old = [onnx.NodeProto.FromString(node.SerializeToString()) for node in self.graph.nodes]
-        self.readers = self.graph.consumers()
-        self.makers = {name: node for node in self.old for name in node.output}
-        self.outputs = {value.name for value in model.graph.output}
+        self.readers, self.makers = source.consumers(), source.producers()
+        self.outputs = set(source.outputs)
         self.integers: dict[str, str] = {}
         self.twins: dict[str, str] = {}
         self.rounding: dict[str, Scheme] = {}
@@ -47,12 +48,11 @@ class Rewriting:
         self.masks: set[str] = set()
         self.origins: dict[str, str] = {}
         self.shared = self._shared_schemes()
-        del self.graph.model.graph.node[:]
 
     def _shared_schemes(self) -> dict[str, Scheme]:
         """Values that are joined with a sum can be moved as integers only if they are rounded as it is."""
         found: dict[str, Scheme] = {}
-        for node in self.old:
+        for node in self.source.nodes:
             if node.op_type != "Concat":
                 continue
             sources = [self._before_moving(name) for name in node.input]
@@ -74,12 +74,10 @@ class Rewriting:
 
     def keep(self, node: onnx.NodeProto) -> None:
         """The node as it is, on what there is of its inputs now."""
-        copy = self.graph.model.graph.node.add()
-        copy.CopyFrom(node)
         # A shape is read off the integers: a value that nobody else reads as floats is never one.
         known = self.integers if node.op_type == "Shape" else self.twins
-        for i, name in enumerate(node.input):
-            copy.input[i] = name if name in self.inside else known.get(name, name)
+        inputs = [name if name in self.inside else known.get(name, name) for name in node.input]
+        self.graph.rewire(self.graph.add(node), inputs)
 
     def round(self, name: str, scheme: Scheme) -> None:
         """Round a value that is there in floats; an output of the graph stays as it is."""
