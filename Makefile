@@ -41,7 +41,9 @@ test-full: $(FULL)/ready
 
 lint: $(FULL)/ready
 	$(FULL)/bin/ruff check .
+	$(FULL)/bin/ruff format --check .
 	$(FULL)/bin/mypy
+	$(FULL)/bin/lint-imports --no-cache
 
 bench: $(FULL)/ready
 	$(FULL)/bin/python benchmarks/latency.py
