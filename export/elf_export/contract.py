@@ -12,7 +12,9 @@ import elf_runtime
 from elf_runtime import DescriptorSpec, InputSpec
 from elf_runtime.contract import ReductionSpec
 
-from .graph.cost import PROBE, macs_per_pixel, parameters
+from .graph.cost import PROBE, fix_sizes, macs, parameters
+from .graph.graph import GraphView
+from .graph.passes import cut
 from .graph.receptive_field import Field
 from .graph.sizes import Sizes
 from .saliency import SALIENCY, descriptor_output
@@ -60,6 +62,16 @@ def cost_of(model: onnx.ModelProto, descriptors: Sequence[str], size: int = PROB
         "saliency_macs_per_pixel": macs_per_pixel(model, [SALIENCY], size),
         "descriptors_macs_per_pixel": macs_per_pixel(model, outputs, size),
     }
+
+
+def macs_per_pixel(model: onnx.ModelProto, outputs: Sequence[str], size: int = PROBE) -> float:
+    """Multiply-adds per image pixel that `outputs` need: Conv, ConvTranspose, Gemm and MatMul.
+
+    Counted on one image of 512x512 pixels, or of the size that the model's (N, H, W, C) input fixes.
+    """
+    needed = cut(model, outputs)
+    height, width = fix_sizes(needed, needed.graph.input[0].name, "NHWC", size)
+    return sum(macs(GraphView(needed))) / (height * width)
 
 
 def versions(opset: int) -> dict[str, str]:

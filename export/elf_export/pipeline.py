@@ -27,8 +27,8 @@ from .precision.lower import lower
 from .request import Request
 from .saliency import build_saliency
 from .sources import Sources, open_sources
-from .sources.finished_sizes import sizes_of
 from .sources.foreign.guard import only_export_errors
+from .sources.sizes.finished import sizes_of
 
 Log = Callable[[str], None]
 

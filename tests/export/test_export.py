@@ -20,10 +20,10 @@ from elf_export.checks.torch_reference import torch_saliency
 from elf_export.command.main import main
 from elf_export.graph.sizes import Sizes
 from elf_export.saliency import build_saliency
-from elf_export.sources.finished_sizes import sizes_of
 from elf_export.sources.forward import NETWORK_INPUT, torch_to_onnx
 from elf_export.sources.networks import get_network
 from elf_export.sources.networks.vgg import LAYERS, tensor_shapes
+from elf_export.sources.sizes.finished import sizes_of
 from elf_export.sources.weights.load import load_weights
 from elf_runtime import ElfRuntime, preset
 from elf_runtime.model.bundled import BUNDLED, bundled_model

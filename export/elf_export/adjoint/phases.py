@@ -21,11 +21,11 @@ from elf_export.graph.graph import Array
 from elf_export.graph.windows import window_of
 
 from . import depthwise
+from .clip import room
 from .depthwise import FEW, every_second
 from .gradient import PHASES, Extent, Part, Phases, Rectified
 from .interleave import known_channels, whole
 from .registry import Context, Rule
-from .rules.activation import room
 from .spatial import flipped
 
 

@@ -11,13 +11,13 @@ from elf_export.errors import ExportError
 from elf_export.graph.image_input import ImageInput
 from elf_export.graph.passes import cut, single_precision
 from elf_export.graph.sizes import USUAL, Sizes, with_sizes
-from elf_export.sources.foreign.affordable import require_affordable
-from elf_export.sources.foreign.free_sizes import free_sizes
 from elf_export.sources.foreign.guard import only_export_errors
 from elf_export.sources.foreign.image_input import find_image_input
 from elf_export.sources.foreign.load import load_model
 from elf_export.sources.foreign.prepare import Prepared, in_floats, in_known_opset
 from elf_export.sources.geometry import largest_stride, layer_fields
+from elf_export.sources.sizes.affordable import require_affordable
+from elf_export.sources.sizes.free import free_sizes
 
 from .listing import layer_table, map_layers
 

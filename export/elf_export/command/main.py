@@ -10,7 +10,8 @@ from elf_export.errors import ExportError
 from elf_runtime.commands.command import run
 from elf_runtime.errors import printable
 
-from .options import check, parser, request_of
+from .combinations import check
+from .options import parser, request_of
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,9 +1,8 @@
-"""elf-export's options: what each takes, and which go together."""
+"""elf-export's options, and the request that they make."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -34,15 +33,25 @@ examples:
                                                          an ELF model from it; needs no PyTorch
 """
 
-ONLY_WITH_NET = ("weights", "preprocess")
-OF_NAMED_NETWORKS = ("offline", "desc_weights")  # with --net, or --desc NET:LAYER
-ONLY_WITH_ONNX = ("input", "color", "mean", "std", "scale", "standardize")
-
 
 def parser() -> Parser:
     """The command line's grammar."""
     p = new_parser("elf-export", DESCRIPTION, EPILOG)
     p.add_argument("--layer", metavar="LAYER", help="the layer F that keypoints come from (--net: the paper's)")
+    _describing(p)
+    _file(p)
+    _named_network(p.add_argument_group("a network that comes with the exporter"))
+    _anyones_model(
+        p.add_argument_group(
+            "anyone's model",
+            "Layers are named by value or node, or by an end of such a name that only one has.  The pixels I, 0..255, "
+            "become (I * scale - mean) / std; without these options the model sees them standardized.",
+        )
+    )
+    return p
+
+
+def _describing(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--desc", metavar="LAYER[,LAYER...]|none",
         help="layers that describe the keypoints, the first being the default; NET:LAYER takes one of another network "
@@ -70,6 +79,9 @@ def parser() -> Parser:
         help="project by a convolution of its own: the layer's weights stay in the file as they were trained, for "
         "other exports to find",
     )  # fmt: skip
+
+
+def _file(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--calibration",
         metavar="FOLDER",
@@ -90,36 +102,32 @@ def parser() -> Parser:
                    "--onnx the model's own, if it is one of these)")  # fmt: skip
     p.add_argument("--force", action="store_true", help="overwrite an existing file")
     p.add_argument("--list", action="store_true", help="list the networks, or the layers of one, and stop")
-
     p.add_argument("--desc-weights", metavar="FILE", help="weights of the other network of --desc NET:LAYER")
     p.add_argument("--offline", action="store_true", help="never use the network; so does ELF_OFFLINE=1")
 
-    net = p.add_argument_group("a network that comes with the exporter")
-    net.add_argument("--net", metavar="NAME", help="--list shows the names")
-    net.add_argument(
+
+def _named_network(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--net", metavar="NAME", help="--list shows the names")
+    group.add_argument(
         "--weights", metavar="FILE",
         help="trained weights: .pth, .h5, .keras, .safetensors, .npz or .onnx (default: the published ones, from "
         "the cache, the bundled model, the publisher or a package index)",
     )  # fmt: skip
-    net.add_argument(
+    group.add_argument(
         "--preprocess", choices=("paper", "own"),
         help="what the detector is fed: each image standardised (paper, the default), or what it was trained with",
     )  # fmt: skip
 
-    onnx = p.add_argument_group(
-        "anyone's model",
-        "Layers are named by value or node, or by an end of such a name that only one has.  The pixels I, 0..255, "
-        "become (I * scale - mean) / std; without these options the model sees them standardized.",
-    )
-    onnx.add_argument("--onnx", metavar="FILE", help="a CNN in ONNX's format, from any framework")
-    onnx.add_argument("--input", metavar="NAME", help="the image input, where several may be one")
-    onnx.add_argument("--color", choices=("bgr", "rgb", "gray"), help="default: rgb, or gray for one channel")
-    onnx.add_argument("--scale", type=number, metavar="S", help="a number or a fraction like 1/255 (default: 1)")
-    onnx.add_argument("--mean", type=numbers, metavar="M[,M,M]", help="per channel, of the scaled pixels (default: 0)")
-    onnx.add_argument("--std", type=numbers, metavar="D[,D,D]", help="per channel, of the scaled pixels (default: 1)")
-    onnx.add_argument("--standardize", action="store_true",
+
+def _anyones_model(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--onnx", metavar="FILE", help="a CNN in ONNX's format, from any framework")
+    group.add_argument("--input", metavar="NAME", help="the image input, where several may be one")
+    group.add_argument("--color", choices=("bgr", "rgb", "gray"), help="default: rgb, or gray for one channel")
+    group.add_argument("--scale", type=number, metavar="S", help="a number or a fraction like 1/255 (default: 1)")
+    group.add_argument("--mean", type=numbers, metavar="M[,M,M]", help="per channel, of the scaled pixels (default: 0)")
+    group.add_argument("--std", type=numbers, metavar="D[,D,D]", help="per channel, of the scaled pixels (default: 1)")
+    group.add_argument("--standardize", action="store_true",
                       help="(I - mean(I)) / std(I) over each image, as in the paper")  # fmt: skip
-    return p
 
 
 def number(text: str) -> float:
@@ -136,55 +144,6 @@ def numbers(text: str) -> tuple[float, ...]:
     if len(values) not in (1, 3):
         raise argparse.ArgumentTypeError(f"{text!r} has {len(values)} numbers; give one, or one a channel")
     return values
-
-
-def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
-    """Call `fail` with the first option that doesn't go with the others."""
-
-    def given(name: str) -> bool:
-        return getattr(args, name) not in (None, False)
-
-    if args.net is not None and args.onnx is not None:
-        fail("--net and --onnx exclude each other: a network of ours, or a model of yours")
-    for name in ONLY_WITH_NET if ":" in (args.desc or "") else (*ONLY_WITH_NET, *OF_NAMED_NETWORKS):
-        if given(name) and args.net is None:
-            fail(f"--{name.replace('_', '-')} goes with --net only: it is about a network that comes with the exporter")
-    for name in ONLY_WITH_ONNX:
-        if given(name) and args.onnx is None:
-            working = f"; the working scale is --set scale={args.scale:g}" if name == "scale" else ""
-            fail(f"--{name} goes with --onnx only: it describes the image input of such a model, and a network of "
-                 f"--net brings its own description{working}")  # fmt: skip
-    for name in ("mean", "std", "scale"):
-        if args.standardize and given(name):
-            fail(f"--standardize and --{name} exclude each other")
-        if args.color == "gray" and name != "scale" and given(name) and len(getattr(args, name)) != 1:
-            fail(f"--{name} has {len(getattr(args, name))} numbers, --color gray has one channel")
-    if args.std is not None and min(map(abs, args.std)) == 0:
-        fail("--std has a zero, by which the pixels would be divided")
-    for name in ("desc_reduce", "whiten", "keep_weights"):
-        if given(name) and args.desc_dim is None:
-            fail(f"--{name.replace('_', '-')} goes with --desc-dim only")
-    if args.calibration is not None and args.desc_dim is None and args.precision == "fp32":
-        fail("--calibration goes with --desc-dim or --precision only")
-    if args.desc_dim is not None and args.desc == "none":
-        fail("--desc none leaves no descriptor for --desc-dim to project")
-    if args.desc_dim is not None and args.desc_dim < 1:
-        fail(f"--desc-dim is 1 or more, not {args.desc_dim}")
-    if args.whiten is not None and not 0.0 <= args.whiten <= 1.0:
-        fail(f"--whiten is a number from 0 to 1, not {args.whiten:g}")
-    if args.whiten and args.desc_reduce == "channels":
-        fail("--whiten divides principal components; it goes with --desc-reduce pca only")
-    if layers_of(args.desc) == [] and args.desc != "none":
-        fail(f"--desc {args.desc!r} names no layer; --desc none is for a detector without descriptors")
-    if args.list:
-        return
-    if args.net is None and args.onnx is None:
-        fail("--net or --onnx is required (--list shows the networks)")
-    if args.onnx is not None:
-        if args.layer is None:
-            fail("--onnx needs --layer (--list shows the layers)")
-        if args.desc is None:
-            fail("--onnx needs --desc: layers to describe keypoints with, or none")
 
 
 def request_of(args: argparse.Namespace) -> Request:

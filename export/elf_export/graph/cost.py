@@ -14,20 +14,9 @@ from elf_runtime.errors import first_line
 from elf_runtime.model.session import open_session
 
 from .graph import Graph, GraphView, attributes
-from .passes import cut
 
 PROBE = 512  # pixels of height and width; divisible by every usual stride
 COUNTED = frozenset({"Conv", "ConvTranspose", "MatMul", "Gemm"})
-
-
-def macs_per_pixel(model: onnx.ModelProto, outputs: Sequence[str], size: int = PROBE) -> float:
-    """Multiply-adds per image pixel that `outputs` need: Conv, ConvTranspose, Gemm and MatMul.
-
-    Counted on one image of 512x512 pixels, or of the size that the model's (N, H, W, C) input fixes.
-    """
-    needed = cut(model, outputs)
-    height, width = fix_sizes(needed, needed.graph.input[0].name, "NHWC", size)
-    return sum(macs(GraphView(needed))) / (height * width)
 
 
 def macs(graph: GraphView) -> list[float]:

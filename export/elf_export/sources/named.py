@@ -18,9 +18,10 @@ from elf_export.preprocessing import Preprocessing
 from elf_export.request import Request, check_precision
 from elf_runtime import DetectionParams, WeightsSpec
 
-from .foreign.free_sizes import LEAST
+from .describing import check_others
 from .forward import DEFAULT_OPSET, NETWORK_INPUT, torch_to_onnx
 from .networks import Network, get_network
+from .sizes.free import LEAST
 from .source import Source
 from .weights.load import load_weights, needs_naming
 
@@ -65,15 +66,6 @@ def describer(name: str, layers: Sequence[str], detector: Source, log: Log) -> S
         request, network, layers[0], layers, network.preprocessing, network.detection, opset_of(detector.model), log,
         option="--desc-weights",
     )  # fmt: skip
-
-
-def check_others(request: Request, labels: Sequence[str]) -> None:
-    """Raise ExportError unless each of `labels` is ``NET:LAYER`` of a named network, if weights for one are given."""
-    for label in labels:
-        network, _, layer = label.rpartition(":")
-        get_network(network).check_layers([layer])
-    if request.desc_weights is not None and not labels:
-        raise ExportError(f"--desc-weights {request.desc_weights}: no other network describes (--desc NET:LAYER)")
 
 
 def _preprocessing(network: Network, request: Request) -> Preprocessing:

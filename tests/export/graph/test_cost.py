@@ -8,8 +8,9 @@ import pytest
 from onnx import helper
 
 from elf_export import Preprocessing, build_saliency
+from elf_export.contract import macs_per_pixel
 from elf_export.errors import ExportError
-from elf_export.graph.cost import macs, macs_per_pixel, sizes_of
+from elf_export.graph.cost import macs, sizes_of
 from elf_export.graph.graph import Graph
 from export import small_models as small
 

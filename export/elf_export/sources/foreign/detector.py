@@ -7,8 +7,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import onnx
-
 from elf_export.checks.differences import Differences
 from elf_export.detection import changed, chosen
 from elf_export.errors import ExportError
@@ -16,9 +14,8 @@ from elf_export.file import check_output, default_name
 from elf_export.graph.passes import target_opset
 from elf_export.preprocessing import Preprocessing
 from elf_export.request import LEAST_OPSET, Request, check_precision
+from elf_export.sources.describing import check_others, names_another_network
 from elf_export.sources.geometry import longest_period, measured_fields
-from elf_export.sources.named import check_others
-from elf_export.sources.networks import network_names
 from elf_export.sources.source import Source
 from elf_runtime import DetectionParams, WeightsSpec
 
@@ -72,12 +69,6 @@ def foreign_detector(request: Request, log: Callable[[str], None]) -> Source:
         Differences(prepared.model, layer, prepared.image, preprocessing),
         detection,
     )  # fmt: skip
-
-
-def names_another_network(word: str, model: onnx.ModelProto) -> bool:
-    """Whether ``NET:LAYER`` means a named network's layer: a value of the model's own may be called so too."""
-    network = word.rpartition(":")[0]
-    return network in network_names() and not any(word in node.output for node in model.graph.node)
 
 
 def _require_scale(prepared: Prepared, detection: DetectionParams) -> None:

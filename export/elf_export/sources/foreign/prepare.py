@@ -16,8 +16,8 @@ from elf_export.graph.passes import convert_opset, cut, fold_constants, opset_of
 from elf_export.graph.passes.without_rounding import QUANTIZERS
 from elf_export.graph.sizes import Sizes, with_sizes
 from elf_export.sources.geometry import largest_stride
+from elf_export.sources.sizes.free import free_sizes
 
-from .free_sizes import free_sizes
 from .image_input import find_image_input
 from .layers import resolve_layer
 from .ranks import with_ranks

@@ -8,9 +8,8 @@ from elf_export.errors import ExportError
 from elf_export.graph.image_input import ImageInput
 from elf_export.graph.passes import opset_of
 from elf_export.graph.sizes import Sizes, with_sizes
+from elf_export.sources.sizes.free import Runner, unlike
 from elf_runtime.errors import first_line
-
-from .free_sizes import Runner, unlike
 
 AT = ((53, 71), (97, 128), (230, 247))  # about so many pixels of height and width; what rounds, does at odd sizes
 

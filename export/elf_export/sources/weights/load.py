@@ -7,18 +7,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from elf_export.errors import WeightsError
-from elf_export.sources.networks.parts.network import Network
 from elf_runtime.files.write import write_atomically
 from elf_runtime.model import bundled_model
 
 from .fingerprint import fingerprint, mismatches
 from .formats import read_tensors
 from .sources import cache_dir, fetch, is_file_of, is_offline, keep, kept, scratch
+
+if TYPE_CHECKING:
+    from elf_export.sources.networks.parts.network import Network
 
 Log = Callable[[str], None]
 Take = Callable[[Path], dict[str, npt.NDArray[np.float32]]]

@@ -15,7 +15,7 @@ from elf_export.saliency import IMAGE
 from elf_runtime import DescriptorSpec
 from elf_runtime.model.outputs import check_map
 
-from .foreign.free_sizes import MULTIPLES, Map, Runner, first_that_holds
+from .free import MULTIPLES, Map, Runner, first_that_holds
 
 
 class CheckedMaps(Runner):
