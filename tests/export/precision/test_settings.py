@@ -15,6 +15,12 @@ from elf_export.sources.networks import get_network
 from elf_runtime import DetectionParams
 
 
+def setting_words(settings: dict[str, object]) -> list[str]:
+    program, *words = Request(net="vgg", detection=settings).words()
+    assert (program, words[:2]) == ("elf-export", ["--net", "vgg"])
+    return words[2:]
+
+
 @pytest.mark.parametrize(
     ("text", "name", "value"),
     [
@@ -27,12 +33,6 @@ from elf_runtime import DetectionParams
         ("threshold=kapur", "threshold", "kapur"),
     ],
 )
-def setting_words(settings: dict[str, object]) -> list[str]:
-    program, *words = Request(net="vgg", detection=settings).words()
-    assert (program, words[:2]) == ("elf-export", ["--net", "vgg"])
-    return words[2:]
-
-
 def test_settings_are_read(text: str, name: str, value: object) -> None:
     assert setting(text) == (name, value)
     assert type(setting(text)[1]) is type(value)
