@@ -8,6 +8,7 @@ from typing import Literal
 
 from .descriptors.projection import Reduction
 from .detection import Wanted, as_mapping
+from .errors import ExportError
 from .pipeline import ExportResult, export
 from .preprocessing import Preprocessing
 from .request import Request
@@ -136,6 +137,8 @@ def export_onnx(
         image that can't be used, an op without an adjoint, a gradient that does not agree with central differences, or
         a file that the runtime would refuse; none is left behind.
     """
+    if descriptors is None:
+        raise ExportError("descriptors are names of layers, or an empty list for a detector without any")
     return export(
         Request(
             onnx=file, layer=layer, desc=tuple(descriptors), output=output, desc_weights=desc_weights, offline=offline,

@@ -19,7 +19,7 @@ from .checks.trial import require_usable
 from .contract import cost_of, descriptor_specs, input_spec, versions
 from .descriptors.other_network import attach
 from .descriptors.reduce import reduce_descriptors
-from .file import check_output, default_name, write
+from .file import write
 from .graph.passes import opset_of, require_opset
 from .graph.receptive_field import stated
 from .graph.sizes import Sizes
@@ -28,7 +28,7 @@ from .request import Request
 from .saliency import build_saliency
 from .sources import Sources, open_sources
 from .sources.foreign.guard import only_export_errors
-from .sources.sizes.finished import sizes_of
+from .sources.sizes.finished import sizes_that_run
 
 Log = Callable[[str], None]
 
@@ -74,7 +74,7 @@ def export(request: Request, log: Log = lambda _: None) -> ExportResult:
         contract = contract_of(model, sources, sizes, reductions, (saliency, *projected))
         model, contract, lowered = lower(model, contract, request.precision, images, log)
         require_usable(model, contract, sizes)
-        path = check_output(request.output or default_name(contract.network, contract.layer), request.force)
+        path = Path(sources.request.output or "")
         write(model, contract, path)
         return ExportResult(path, contract, (saliency, *projected, *lowered))
 
@@ -85,7 +85,7 @@ def saliency_graph(sources: Sources, channels_last: bool) -> onnx.ModelProto:
     model = build_saliency(
         detector.model, detector.layer, detector.descriptors, detector.image.name, detector.preprocessing,
         differentiate=detector.differentiate, color=sources.color, channels_last=channels_last,
-        min_size=detector.sizes.min_size, size=detector.sizes.usual,
+        min_size=sources.sizes.min_size, size=sources.sizes.usual,
     )  # fmt: skip
     for other in sources.others:
         model = attach(
@@ -98,9 +98,10 @@ def finished_sizes(model: onnx.ModelProto, sources: Sources, log: Log) -> Sizes:
     """The sizes of images that the finished graph takes: those of the forward graphs, held against runs of it."""
     detector = sources.detector
     specs = descriptor_specs(model, sources.descriptors, sources.fields)
-    spec = input_spec(sources.color, detector.sizes)
+    forward = sources.sizes
+    channels = input_spec(sources.color, forward).channels
     period = max(source.period for source in (detector, *sources.others))
-    sizes = sizes_of(model, detector.sizes, spec.channels, period, specs)
+    sizes = sizes_that_run(model, forward, channels, period, specs)
     if detector.request.onnx is not None:
         image = detector.image
         log(f"image {image.name!r}, {image.layout}, {image.channels} channel(s); sizes: {sizes.describe()}")

@@ -27,7 +27,7 @@ class Request:
     """An export, as `elf-export`'s options say it; exactly one of `net` and `onnx` is given.
 
     A source completes it: with the layers by their full names, say, and without weights that are found anyway.  The
-    command that `words` then gives makes the same file again.
+    command that `words` gives then makes the same file again.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Request:
         Folder of images that reduction and precision are fitted to.
     """
 
-    net: str = ""
+    net: str | None = None
     onnx: File | None = None
     layer: str | None = None
     desc: tuple[str, ...] | None = None
@@ -74,12 +74,25 @@ class Request:
     calibration: File | None = None
     precision: str = "fp32"
 
+    def __post_init__(self) -> None:
+        if (self.net is None) == (self.onnx is None):
+            raise ExportError("an export is of a named network or of an .onnx file: give one of the two")
+        if not isinstance(self.detection, Mapping):
+            raise ExportError(f"detection settings are a DetectionParams or a dict, not {self.detection!r}")
+        if self.reduction is not None and not hasattr(self.reduction, "words"):
+            raise ExportError(f"descriptors are reduced by a Reduction, such as Reduction(128), not {self.reduction!r}")
+
     def words(self) -> list[str]:
-        """The command that asks for the same file; files are named without their folders, which are one machine's."""
+        """The command that asks for the same file.
+
+        Models and weights are named without their folders, which are one machine's.  No command can say a layer with a
+        comma in its name, nor a `Preprocessing` for a named network.
+        """
         words = ["elf-export"]
 
         def option(name: str, value: object) -> None:
-            words.extend([f"--{name}", str(value)] if value else [])
+            text = str(value) if value else ""
+            words.extend([f"--{name}={text}"] if text.startswith("-") else [f"--{name}", text] if text else [])
 
         option("net", self.net)
         option("onnx", _name(self.onnx))
@@ -96,7 +109,8 @@ class Request:
         for name, value in self.detection.items():
             words += ["--set", f"{name}={setting_text(value)}"]
         option("precision", self.precision if self.precision != "fp32" else "")
-        option("calibration", self.calibration)
+        if self.reduction is not None or self.precision != "fp32":
+            option("calibration", self.calibration)
         if self.onnx is not None and self.preprocess not in (None, "paper", "own"):
             words += self.preprocess.words()  # type: ignore[union-attr]
         return words

@@ -238,8 +238,3 @@ def check(model: onnx.ModelProto) -> None:
 def descriptor_output(layer: str) -> str:
     """Name of the output that carries `layer`'s map."""
     return "descriptors_" + "".join(c if c.isalnum() or c == "_" else "_" for c in layer)
-
-
-def stamp(model: onnx.ModelProto, metadata: Mapping[str, str]) -> None:
-    """Replace the model's metadata by `metadata`."""
-    helper.set_model_props(model, dict(metadata))

@@ -17,7 +17,7 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from elf_export.preprocessing import Preprocessing
-from elf_export.saliency import build_saliency, descriptor_output, stamp
+from elf_export.saliency import build_saliency, descriptor_output
 from elf_runtime import DescriptorSpec, ModelContract, WeightsSpec
 
 SEED = 20190901
@@ -77,7 +77,7 @@ def tiny() -> onnx.ModelProto:
         versions={"opset": "17"},
         command="python tests/data/make_tiny.py",
     )
-    stamp(model, contract.to_metadata())
+    onnx.helper.set_model_props(model, contract.to_metadata())
     return model
 
 

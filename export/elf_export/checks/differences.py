@@ -195,6 +195,8 @@ class Differences:
 
     def maps(self, model: onnx.ModelProto, layers: Sequence[str], _: str) -> Callable[[Array], Mapping[str, Array]]:
         """The descriptor maps of a saliency graph itself, as they are before a projection is put into it."""
+        if not layers:  # ONNX Runtime takes an empty list for all outputs
+            return lambda _: {}
         session, _options = open_session(model.SerializeToString())
         outputs = [descriptor_output(layer) for layer in layers]
 

@@ -22,7 +22,11 @@ def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
         fail("--net and --onnx exclude each other: a network of ours, or a model of yours")
     for name in ONLY_WITH_NET if ":" in (args.desc or "") else (*ONLY_WITH_NET, *OF_NAMED_NETWORKS):
         if given(name) and args.net is None:
-            fail(f"--{name.replace('_', '-')} goes with --net only: it is about a network that comes with the exporter")
+            also = " (or with --desc NET:LAYER)" if name in OF_NAMED_NETWORKS else ""
+            fail(
+                f"--{name.replace('_', '-')} goes with --net only{also}: it is about a network that comes with the "
+                "exporter"
+            )
     for name in ONLY_WITH_ONNX:
         if given(name) and args.onnx is None:
             working = f"; the working scale is --set scale={args.scale:g}" if name == "scale" else ""

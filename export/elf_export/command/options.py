@@ -150,7 +150,7 @@ def request_of(args: argparse.Namespace) -> Request:
     """What the options ask for."""
     desc = layers_of(args.desc)
     return Request(
-        net=args.net or "",
+        net=args.net,
         onnx=args.onnx,
         layer=args.layer,
         desc=None if desc is None else tuple(desc),
@@ -158,7 +158,7 @@ def request_of(args: argparse.Namespace) -> Request:
         weights=args.weights,
         desc_weights=args.desc_weights,
         offline=args.offline,
-        preprocess=preprocessing_of(args) if args.net is None else args.preprocess,
+        preprocess=preprocessing_of(args) if args.net is None else args.preprocess or "paper",
         input=args.input,
         opset=args.opset,
         force=args.force,

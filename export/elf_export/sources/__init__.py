@@ -24,7 +24,7 @@ def open_sources(request: Request, log: Callable[[str], None]) -> Sources:
     ExportError
         If one of them can't be had.
     """
-    detector = (named_detector if request.net else foreign_detector)(request, log)
+    detector = (foreign_detector if request.net is None else named_detector)(request, log)
     others: dict[str, list[str]] = {}
     for label in detector.request.desc or ():
         if label not in detector.descriptors:

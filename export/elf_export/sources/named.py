@@ -39,7 +39,7 @@ def named_detector(request: Request, log: Log) -> Source:
     ExportError
         Unknown network or layer, an output that can't be written, missing weights.
     """
-    network = get_network(request.net)
+    network = get_network(request.net or "")
     detection = chosen(network.detection, request.detection)
     layer = request.layer or network.default_layer
     described = network.default_descriptors if request.desc is None else request.desc
@@ -49,12 +49,15 @@ def named_detector(request: Request, log: Log) -> Source:
     check_others(request, [label for label in labels if label not in own])
     opset = request.opset or DEFAULT_OPSET
     check_precision(request.precision, opset)
-    check_output(request.output or default_name(network.name, layer), request.force)
-    complete = replace(
-        request, layer=layer, desc=tuple(labels), detection=changed(network.detection, detection),
-        opset=opset if opset != DEFAULT_OPSET else None,
-    )  # fmt: skip
     preprocessing = _preprocessing(network, request)
+    complete = replace(
+        request,
+        layer=layer,
+        desc=tuple(labels),
+        output=check_output(request.output or default_name(network.name, layer), request.force),
+        detection=changed(network.detection, detection),
+        opset=opset if opset != DEFAULT_OPSET else None,
+    )
     return _source(complete, network, layer, own, preprocessing, detection, opset, log)
 
 
@@ -71,8 +74,10 @@ def describer(name: str, layers: Sequence[str], detector: Source, log: Log) -> S
 def _preprocessing(network: Network, request: Request) -> Preprocessing:
     if isinstance(request.preprocess, Preprocessing):
         return request.preprocess
-    if request.preprocess != "own":
+    if request.preprocess in (None, "paper"):
         return network.preprocessing
+    if request.preprocess != "own":
+        raise ExportError(f"preprocessing is 'paper', 'own' or a Preprocessing, not {request.preprocess!r}")
     if network.trained_with is None:
         raise ExportError(f"what {network.name} was trained with is not known; --preprocess paper standardises")
     return network.trained_with
@@ -94,22 +99,21 @@ def _source(
     module = network.build(loaded.tensors, layers)
     channels = preprocessing.channels
     forward = torch_to_onnx(module, layers, channels, opset)
-    image = ImageInput(NETWORK_INPUT, "NCHW", channels, (None, None, None))
     return Source(
-        replace(request, weights=request.weights if needs_naming(network, layers, loaded) else None),
-        network.name,
-        forward,
-        image,
-        layer,
-        tuple(descriptors),
-        preprocessing,
-        receptive_fields(forward, NETWORK_INPUT),
-        Sizes(min_size=least_size(module, channels)),
-        1.0,  # it pools and convolves in floor mode: what it does at one size it does at the next
-        WeightsSpec(loaded.source, loaded.sha256, loaded.licence),
-        Autograd(module, tuple(layers), preprocessing, network.gradient),
-        detection,
-        network.gradient,
+        request=replace(request, weights=request.weights if needs_naming(network, layers, loaded) else None),
+        name=network.name,
+        model=forward,
+        image=ImageInput(NETWORK_INPUT, "NCHW", channels, (None, None, None)),
+        layer=layer,
+        descriptors=tuple(descriptors),
+        preprocessing=preprocessing,
+        fields=receptive_fields(forward, NETWORK_INPUT),
+        sizes=Sizes(min_size=least_size(module, channels)),
+        period=1.0,  # it pools and convolves in floor mode: what it does at one size it does at the next
+        weights=WeightsSpec(loaded.source, loaded.sha256, loaded.licence),
+        oracle=Autograd(module, tuple(layers), preprocessing, network.gradient),
+        detection=detection,
+        differentiate=network.gradient,
     )
 
 

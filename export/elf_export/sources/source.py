@@ -12,6 +12,7 @@ import numpy.typing as npt
 import onnx
 
 from elf_export.checks import Check
+from elf_export.errors import LayerError
 from elf_export.graph.image_input import ImageInput
 from elf_export.graph.receptive_field import Field
 from elf_export.graph.sizes import Sizes
@@ -110,6 +111,26 @@ class Sources:
         colors = {source.preprocessing.color for source in (self.detector, *self.others)}
         return colors.pop() if len(colors) == 1 else "bgr"
 
+    @property
+    def sizes(self) -> Sizes:
+        """What all forward graphs take.
+
+        Raises
+        ------
+        LayerError
+            If the detector takes one size only, which is too small for another network.
+        """
+        sizes = self.detector.sizes
+        for other in self.others:
+            least, fixed = other.sizes.min_size, [size for size in (sizes.height, sizes.width) if size]
+            if fixed and min(fixed) < least:
+                raise LayerError(
+                    f"{other.name} describes images of {least}x{least} pixels and more, and the model takes "
+                    f"{sizes.describe()}"
+                )
+            sizes = replace(sizes, min_size=max(sizes.min_size, least))
+        return sizes
+
     @cached_property
     def fields(self) -> dict[str, Field]:
         """The geometry of the detector's values and, as ``NET:LAYER``, of the layers of others that describe."""
@@ -128,8 +149,10 @@ class Sources:
         """Where the weights of all networks come from; those that need none are left out."""
         parts = [self.detector.weights, *(other.weights for other in self.others)]
         trained = [part for part in parts if part.source != NO_WEIGHTS] or parts[:1]
-        joined = ("; ".join(getattr(part, name) for part in trained) for name in ("source", "sha256", "licence"))
-        return WeightsSpec(*joined)
+        if len(trained) == 1:
+            return trained[0]
+        columns = zip(*((part.source, part.sha256, part.licence or "not stated") for part in trained), strict=True)
+        return WeightsSpec(*map("; ".join, columns))
 
     def maps(self, model: onnx.ModelProto) -> Maps:
         """The maps of all `descriptors`, by each network's oracle; `model` is the saliency graph with all of them."""

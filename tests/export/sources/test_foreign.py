@@ -25,14 +25,18 @@ from elf_export import (
     load_model,
 )
 from elf_export.command.main import main
+from elf_export.command.options import parser
 from elf_export.graph.graph import Graph
 from elf_export.graph.passes import rename_values
+from elf_export.request import Request
 from elf_export.sources.foreign.image_input import find_image_input
 from elf_export.sources.foreign.layers import resolve_layer
 from elf_export.sources.foreign.prepare import prepare
+from elf_export.sources.networks import get_network
 from elf_runtime import ElfRuntime
 from export import small_models as small
 from helpers import ROOT, textured
+from seeded import seeded_weights
 
 
 def saved(model: onnx.ModelProto, folder: Path) -> Path:
@@ -436,3 +440,84 @@ def test_the_checks_are_in_the_result(tmp_path: Path) -> None:
     for check in result.checks:
         assert check.passed
         assert check.figures().items() <= result.contract.parity.items()
+
+
+def named_in_scope(scope: str) -> onnx.ModelProto:
+    """Its values are called as TensorFlow does it, and as a named network's would be."""
+    model = small.nchw(("N", 3, "H", "W"))
+    names = {name: f"{scope}/{name}" for node in model.graph.node for name in node.output}
+    names |= {tensor.name: f"{scope}/{tensor.name}" for tensor in model.graph.initializer}
+    return rename_values(Graph(model), names).model
+
+
+@pytest.mark.usefixtures("one_direction")
+def test_another_network_s_values_have_names_of_their_own(tmp_path: Path) -> None:
+    path = saved(named_in_scope("vgg"), tmp_path)
+    result = export_onnx(path, "pool1", ["vgg:pool1"], tmp_path / "elf.onnx", offline=True, reduction=Reduction(4))
+    names = [node.name for node in onnx.load(result.path).graph.node]
+    assert len(names) == len(set(names))
+    assert [spec.layer for spec in result.contract.descriptors] == ["vgg:pool1"]
+    assert [type(check).__name__ for check in result.checks] == ["DifferencesCheck", "ProjectionCheck"]
+
+
+def test_a_layer_of_the_model_s_own_comes_before_another_network_s(tmp_path: Path) -> None:
+    model = small.nchw(("N", 3, "H", "W"))
+    path = saved(rename_values(Graph(model), {"relu2": "scope/vgg:pool1"}).model, tmp_path)
+    result = export_onnx(path, "pool1", ["vgg:pool1"], tmp_path / "elf.onnx", offline=True)
+    assert [spec.layer for spec in result.contract.descriptors] == ["scope/vgg:pool1"]
+
+
+def test_two_descriptors_of_one_output_are_refused(tmp_path: Path) -> None:
+    model = small.nchw(("N", 3, "H", "W"))
+    path = saved(rename_values(Graph(model), {"relu2": "vgg_pool1"}).model, tmp_path)
+    with pytest.raises(LayerError, match="both be the output 'descriptors_vgg_pool1'"):
+        export_onnx(path, "pool1", ["vgg_pool1", "vgg:pool1"], tmp_path / "elf.onnx", offline=True)
+
+
+def alexnet_weights(folder: Path) -> Path:
+    np.savez(folder / "alexnet.npz", **seeded_weights(get_network("alexnet").tensor_shapes(["pool5"])))
+    return folder / "alexnet.npz"
+
+
+def test_the_smallest_size_is_one_that_all_networks_take(tmp_path: Path) -> None:
+    """AlexNet's pool5 of 32 pixels has windows larger than their map, at which ONNX Runtime divides by zero."""
+    weights = alexnet_weights(tmp_path)
+    path = saved(small.nchw(("N", 3, "H", "W")), tmp_path)
+    result = export_onnx(path, "pool1", ["alexnet:pool5"], tmp_path / "elf.onnx", desc_weights=weights)
+    alone = export_network("alexnet", "pool1", ["pool5"], tmp_path / "alexnet.onnx", weights=weights)
+    assert result.contract.input.min_size == alone.contract.input.min_size > 32
+    path = saved(small.classifier(), tmp_path)
+    with pytest.raises(
+        LayerError, match=r"alexnet describes images of \d+x\d+ pixels and more, and the model takes 48x40"
+    ):
+        export_onnx(path, "relu2", ["alexnet:pool5"], tmp_path / "b.onnx", desc_weights=weights)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: export_network(""), "unknown network ''"),
+        (lambda: export_network(None), "give one of the two"),
+        (lambda: export_network("vgg", preprocessing="junk"), "'paper', 'own' or a Preprocessing, not 'junk'"),
+        (lambda: export_network("vgg", detection="scale=0.5"), "a DetectionParams or a dict, not 'scale=0.5'"),
+        (lambda: export_network("vgg", reduction=8), r"such as Reduction\(128\), not 8"),
+        (lambda: export_onnx("model.onnx", "pool1", None), "names of layers, or an empty list"),
+        (lambda: export_onnx("model.onnx", "pool1", [], preprocessing="own"), "give a Preprocessing, not 'own'"),
+        (
+            lambda: export_onnx("model.onnx", "pool1", ["alexnet:pool1", "vgg:pool1"], desc_weights="a.npz"),
+            "a.npz is of one network, and alexnet and vgg describe",
+        ),
+    ],
+)
+def test_library_arguments_that_mean_nothing(tmp_path, monkeypatch, call, message: str) -> None:
+    saved(small.nchw(("N", 3, "H", "W")), tmp_path)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ExportError, match=message):
+        call()
+
+
+def test_the_command_says_what_a_command_can() -> None:
+    words = Request(onnx="folder/a.onnx", layer="--p2", desc=("b",), calibration="pictures", precision="fp32").words()
+    assert words == ["elf-export", "--onnx", "a.onnx", "--layer=--p2", "--desc", "b"]
+    again = parser().parse_args(words[1:])
+    assert (again.onnx, again.layer, again.desc) == ("a.onnx", "--p2", "b")

@@ -41,14 +41,14 @@ def test_maps_of_a_pyramid_are_taken_at_every_size_that_is_stated(tmp_path: Path
 
 def test_a_file_that_the_runtime_refuses_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A stride that the map does not have, behind the back of what looks for sizes that it would do for."""
-    model, states, found = small.nchw(("N", 3, "H", "W")), pipeline.descriptor_specs, pipeline.sizes_of
+    model, states, found = small.nchw(("N", 3, "H", "W")), pipeline.descriptor_specs, pipeline.sizes_that_run
 
     def wrong(*given: object) -> tuple[object, ...]:
         return tuple(type(spec)(spec.output, spec.layer, spec.dim, 9.0, 4.0) for spec in states(*given))  # type: ignore[arg-type]
 
     onnx.save(model, tmp_path / "model.onnx")
     monkeypatch.setattr(pipeline, "descriptor_specs", wrong)
-    monkeypatch.setattr(pipeline, "sizes_of", lambda *given: found(*given[:4], ()))
+    monkeypatch.setattr(pipeline, "sizes_that_run", lambda *given: found(*given[:4], ()))
     with pytest.raises(ExportError, match=r"the runtime refuses the finished file on an image of 32x32 pixels: "):
         export_onnx(tmp_path / "model.onnx", "relu2", ["relu2"], tmp_path / "elf.onnx")
     assert not (tmp_path / "elf.onnx").exists()

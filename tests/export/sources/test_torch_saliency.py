@@ -13,7 +13,7 @@ torch = pytest.importorskip("torch")
 onnx = pytest.importorskip("onnx")
 
 from elf_export.errors import WeightsError  # noqa: E402
-from elf_export.saliency import build_saliency, stamp  # noqa: E402
+from elf_export.saliency import build_saliency  # noqa: E402
 from elf_export.sources.forward import torch_to_onnx  # noqa: E402
 from elf_export.sources.networks import get_network  # noqa: E402
 from elf_export.sources.torch_saliency import load  # noqa: E402
@@ -32,7 +32,7 @@ def model(tmp_path: Path) -> Path:
     }
     forward = torch_to_onnx(network.build(tensors, ["pool1"]), ["pool1"], 3)
     proto = build_saliency(forward, "pool1", preprocessing=network.preprocessing)
-    stamp(proto, ModelContract(network="vgg", layer="pool1", stride=2.0).to_metadata())
+    onnx.helper.set_model_props(proto, ModelContract(network="vgg", layer="pool1", stride=2.0).to_metadata())
     onnx.save(proto, tmp_path / "vgg.onnx")
     return tmp_path / "vgg.onnx"
 

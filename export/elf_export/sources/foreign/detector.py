@@ -47,28 +47,33 @@ def foreign_detector(request: Request, log: Callable[[str], None]) -> Source:
     layer, *resolved = prepared.layers
     called = dict(zip(own, resolved, strict=True))
     _require_scale(prepared, detection)
-    check_output(request.output or default_name(file.stem, layer), request.force)
+    output = check_output(request.output or default_name(file.stem, layer), request.force)
     preprocessing = _preprocessing(prepared, request)
     described = list(dict.fromkeys(resolved))
     fields = measured_fields(prepared.model, prepared.image, prepared.sizes, prepared.layers, described)
+    complete = replace(
+        request,
+        layer=layer,
+        desc=tuple(dict.fromkeys(called.get(word, word) for word in words)),
+        output=output,
+        detection=changed(DetectionParams(), detection),
+        preprocess=preprocessing,
+    )
     return Source(
-        replace(
-            request, layer=layer, desc=tuple(dict.fromkeys(called.get(word, word) for word in words)),
-            detection=changed(DetectionParams(), detection), preprocess=preprocessing,
-        ),
-        file.stem,
-        prepared.model,
-        prepared.image,
-        layer,
-        tuple(described),
-        preprocessing,
-        fields,
-        prepared.sizes,
-        longest_period(prepared.model, prepared.image, fields, described),
-        WeightsSpec(file.name, hashlib.sha256(file.read_bytes()).hexdigest(), ""),
-        Differences(prepared.model, layer, prepared.image, preprocessing),
-        detection,
-    )  # fmt: skip
+        request=complete,
+        name=file.stem,
+        model=prepared.model,
+        image=prepared.image,
+        layer=layer,
+        descriptors=tuple(described),
+        preprocessing=preprocessing,
+        fields=fields,
+        sizes=prepared.sizes,
+        period=longest_period(prepared.model, prepared.image, fields, described),
+        weights=WeightsSpec(file.name, hashlib.sha256(file.read_bytes()).hexdigest(), ""),
+        oracle=Differences(prepared.model, layer, prepared.image, preprocessing),
+        detection=detection,
+    )
 
 
 def _require_scale(prepared: Prepared, detection: DetectionParams) -> None:
@@ -83,7 +88,9 @@ def _require_scale(prepared: Prepared, detection: DetectionParams) -> None:
 def _preprocessing(prepared: Prepared, request: Request) -> Preprocessing:
     channels = prepared.image.channels
     chosen = request.preprocess
-    if not isinstance(chosen, Preprocessing):
+    if chosen is not None and not isinstance(chosen, Preprocessing):
+        raise ExportError(f"what an .onnx file was trained with is not known: give a Preprocessing, not {chosen!r}")
+    if chosen is None:
         return Preprocessing(color="gray" if channels == 1 else "rgb")
     if chosen.channels != channels:
         raise ExportError(

@@ -41,4 +41,4 @@ def only_export_errors(file: str | os.PathLike[str]) -> Iterator[None]:
 
 def shown_path(file: str | os.PathLike[str]) -> str:
     """A path for a message, on one line whatever its name holds."""
-    return printable(os.fspath(file))
+    return printable(os.fsdecode(file))

@@ -17,8 +17,9 @@ __all__ = ["Network", "get_network", "network_names"]
 
 
 def network_names() -> list[str]:
-    """By the names of the files, so that none is imported, nor PyTorch with it."""
-    return sorted(module.name for module in pkgutil.iter_modules(__path__) if not module.ispkg)
+    """By the names of the files, so that none is imported, nor PyTorch with it; the paper's main one comes first."""
+    names = (module.name for module in pkgutil.iter_modules(__path__) if not module.ispkg)
+    return sorted(names, key=lambda name: (name != "vgg", name))
 
 
 def get_network(name: str) -> Network:

@@ -33,7 +33,7 @@ class CheckedMaps(Runner):
         return values
 
 
-def sizes_of(
+def sizes_that_run(
     saliency: onnx.ModelProto, sizes: Sizes, channels: int, stride: float, descriptors: Sequence[DescriptorSpec]
 ) -> Sizes:
     """`sizes`, from the smallest on from which the finished graph runs too, with maps as `descriptors` states them.
