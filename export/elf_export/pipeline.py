@@ -5,21 +5,23 @@ from __future__ import annotations
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import onnx
 
 from elf_runtime import ModelContract
-from elf_runtime.contract import ReductionSpec
+from elf_runtime.contract import CompressionSpec, ReductionSpec
 
-from .calibration import calibration_set
+from .calibration import CalibrationSet, calibration_set
 from .checks import Check, require
+from .checks.compressed import compare_compressed
 from .checks.trial import require_usable
+from .compression.compress import compress
 from .contract import cost_of, descriptor_specs, input_spec, versions
 from .descriptors.other_network import attach
 from .descriptors.reduce import reduce_descriptors
-from .file import check_output, default_name, write
+from .file import check_output, default_name, stamped, write
 from .graph.passes import opset_of, require_opset
 from .graph.receptive_field import stated
 from .graph.sizes import Sizes
@@ -42,8 +44,8 @@ class ExportResult:
     path : Path
     contract : ModelContract
     checks : tuple of Check
-        What the graph was held against: a saliency check always, one of the projected descriptors and one of the
-        lower precision where there are any.
+        What the graph was held against: a saliency check always, one of the projected descriptors, of the compression
+        and of the lower precision where there are any.
     """
 
     path: Path
@@ -62,21 +64,60 @@ def export(request: Request, log: Log = lambda _: None) -> ExportResult:
     with only_export_errors(request.onnx) if request.onnx is not None else nullcontext():
         require_opset(request.opset)
         images = calibration_set(request.calibration)
-        sources = open_sources(request, log)
-        model = saliency_graph(sources, channels_last=request.precision == "int8")
-        sizes = finished_sizes(model, sources, log)
-        model, reductions, projected = reduce_descriptors(
-            model, sources.descriptors, request.reduction, images, input_spec(sources.color, sizes),
-            sources.detector.detection.scale, sources.maps(model), log,
-        )  # fmt: skip
-        saliency = sources.detector.oracle.check(model, sources.color, sources.detector.detection, sizes)
+        whole = sources = open_sources(request, log)
+        compression = None
+        if request.compression is not None:
+            sources, compression = compress(whole, request.compression, images, log)
+        graph = finished_graph(sources, images, log)
+        saliency = sources.detector.oracle.check(graph.model, sources.color, sources.detector.detection, graph.sizes)
         require(saliency, log)
-        contract = contract_of(model, sources, sizes, reductions, (saliency, *projected))
+        model, contract = graph.model, contract_of(graph, sources, (saliency, *graph.checks), compression)
+        compared: tuple[Check, ...] = ()
+        if compression is not None:
+            other = finished_graph(whole, images)
+            compared = (
+                compare_compressed(stamped(model, contract), stamped(other.model, contract_of(other, whole)), images),
+            )
+            require(compared[0], log)
+            contract = replace(contract, parity={**contract.parity, **compared[0].figures()})
         model, contract, lowered = lower(model, contract, request.precision, images, log)
-        require_usable(model, contract, sizes)
+        require_usable(model, contract, graph.sizes)
         path = check_output(request.output or default_name(contract.network, contract.layer), request.force)
         write(model, contract, path)
-        return ExportResult(path, contract, (saliency, *projected, *lowered))
+        return ExportResult(path, contract, (saliency, *graph.checks, *compared, *lowered))
+
+
+@dataclass(frozen=True)
+class Finished:
+    """The float32 graph of an export, before its saliency is checked.
+
+    Attributes
+    ----------
+    model : onnx.ModelProto
+    sizes : Sizes
+        Of images that it takes.
+    reductions : mapping
+        Descriptor layer -> what the contract says of its projection.
+    checks : tuple of Check
+        Of the projected descriptors, if there are any.
+    """
+
+    model: onnx.ModelProto
+    sizes: Sizes
+    reductions: Mapping[str, ReductionSpec]
+    checks: tuple[Check, ...]
+
+
+def finished_graph(sources: Sources, images: CalibrationSet, log: Log = lambda _: None) -> Finished:
+    """Saliency and descriptors, projected where that is asked for, and the sizes that they take."""
+    request = sources.request
+    model = saliency_graph(sources, channels_last=request.precision == "int8")
+    sizes = finished_sizes(model, sources, log)
+    model, reductions, projected = reduce_descriptors(
+        model, sources.descriptors, request.reduction, images, input_spec(sources.color, sizes),
+        sources.detector.detection.scale, sources.maps(model), log,
+    )  # fmt: skip
+    return Finished(model, sizes, reductions, projected)
 
 
 def saliency_graph(sources: Sources, channels_last: bool) -> onnx.ModelProto:
@@ -108,11 +149,7 @@ def finished_sizes(model: onnx.ModelProto, sources: Sources, log: Log) -> Sizes:
 
 
 def contract_of(
-    model: onnx.ModelProto,
-    sources: Sources,
-    sizes: Sizes,
-    reductions: Mapping[str, ReductionSpec],
-    checks: Sequence[Check],
+    graph: Finished, sources: Sources, checks: Sequence[Check] = (), compression: CompressionSpec | None = None
 ) -> ModelContract:
     """All that the file says of itself."""
     detector, field = sources.detector, sources.fields[sources.detector.layer]
@@ -121,13 +158,14 @@ def contract_of(
         layer=detector.layer,
         stride=field.stride,
         receptive_field=stated(field.size),
-        input=input_spec(sources.color, sizes),
-        descriptors=descriptor_specs(model, sources.descriptors, sources.fields, reductions),
+        input=input_spec(sources.color, graph.sizes),
+        descriptors=descriptor_specs(graph.model, sources.descriptors, sources.fields, graph.reductions),
         detection=detector.detection,
         preprocessing=detector.preprocessing.describe(),
         weights=sources.weights,
+        compression=compression,
         parity={name: value for check in checks for name, value in check.figures().items()},
-        cost=cost_of(model, sources.descriptors, sizes.usual),
-        versions=versions(opset_of(model)),
+        cost=cost_of(graph.model, sources.descriptors, graph.sizes.usual),
+        versions=versions(opset_of(graph.model)),
         command=shlex.join(sources.request.words()),
     )
