@@ -21,7 +21,8 @@ from elf_export.graph.passes import cut, factor_convs, fold_batchnorm, fold_cons
 from elf_runtime.contract import CompressionSpec
 
 from .convolutions import Convolution, Samples, convolutions, named, responses
-from .low_rank import LowRank, approximate, spectrum
+from .gradients import response_gradients
+from .low_rank import approximate, principal, spectrum
 from .ranks import Candidate, Compression, of_energy, of_ratio
 
 if TYPE_CHECKING:
@@ -104,7 +105,9 @@ class _Network:
         self.keep = list(dict.fromkeys([*([source.layer] if index == 0 else []), *source.descriptors]))
         self.prefix = f"{source.name}:" if index else ""
         self.graph = fold_batchnorm(fold_constants(Graph(cut(source.model, self.keep), copy=False)), keep=self.keep)
-        self.found = convolutions(self.graph, self.keep)
+        # A layer whose channels are projected has its low rank by that.
+        projected = source.descriptors if sources.request.reduction is not None else ()
+        self.found = [conv for conv in convolutions(self.graph, self.keep) if conv.result not in projected]
         self.by_name = {self.prefix + conv.name: conv for conv in self.found}
         self.changed = False
 
@@ -132,15 +135,27 @@ class _Network:
         }
 
     def compress(self, ranks: Mapping[str, int], log: Log) -> None:
-        """Convolution by convolution, each fitted behind those before it as they are by then."""
+        """Convolution by convolution, in the graph's order.
+
+        One that the gradient goes back through is projected, so that its adjoint is the projection of the whole one's;
+        another is fitted behind those before it as they are by then.
+        """
+        gradients = {
+            conv.result: response_gradients(self.graph, conv, self.source.layer, self.source.image.name, self._pictures)
+            for name, conv in self.by_name.items()
+            if name in ranks and self.passes[conv.result] > 1
+        }
         for name, conv in self.by_name.items():
             if name not in ranks:
                 continue
-            wanted = self.whole.rows[conv.result]
-            given = self._responses([conv.result]).rows[conv.result] if self.changed else wanted
-            low = fitted(conv, wanted, given, ranks[name])
-            left = np.square(low(given) - wanted).sum() / np.square(wanted - wanted.mean(axis=0)).sum()
-            log(f"{name}: {ranks[name]} of {conv.channels} channels in the middle, {1 - left:.2%} of its variance")
+            wanted = given = self.whole.rows[conv.result]
+            if conv.result in gradients:
+                low = principal(wanted, ranks[name], gradients[conv.result])
+            else:
+                given = self._responses([conv.result]).rows[conv.result] if self.changed else wanted
+                low = approximate(wanted, given, ranks[name])
+            lost = np.square(low(given) - wanted).sum() / np.square(wanted - wanted.mean(axis=0)).sum()
+            log(f"{name}: {ranks[name]} of {conv.channels} channels in the middle, {1 - lost:.2%} of its variance")
             factor_convs(self.graph, {conv.result: low.kernels(conv.kernel, conv.bias)})
             self.changed = True
 
@@ -176,9 +191,3 @@ class _Network:
         source = self.source
         for pixels in self.images.batches(input_spec(self.color, source.sizes), self.scale):
             yield preprocess(pixels, source.preprocessing, self.color, source.image.layout).astype(np.float32)
-
-
-def fitted(conv: Convolution, wanted: Array, given: Array, rank: int) -> LowRank:
-    """The approximation of a convolution whose responses, now `given`, are to be `wanted`."""
-    del conv
-    return approximate(wanted, given, rank)

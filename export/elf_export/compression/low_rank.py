@@ -3,7 +3,7 @@
 The responses of a convolution k x k of C to D channels, y = W x + b of each place's patch x, are projected to r
 dimensions.  Both are linear, so together they are two convolutions: k x k of C to r channels, then 1 x 1 of r to D.
 After Zhang, Zou, He, Sun, "Accelerating very deep convolutional networks for classification and detection", TPAMI
-2015: section 3.1 (responses), 3.2 (ReLUs), 3.3 (asymmetric reconstruction).
+2015: section 3.1 (responses) and 3.3 (asymmetric reconstruction).
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import numpy.typing as npt
 Array64 = npt.NDArray[np.float64]
 
 LEAST_VARIANCE = 1e-9  # of the largest: directions below it are left out of a regression
-# Of the alternation for ReLUs: how strongly the auxiliary responses are held to the approximation, and how often.
-HELD = ((0.01, 25), (1.0, 25))
+LEAST_DEVIATION = 1e-4  # of the largest, of a channel between the two convolutions
+BALANCE = 0.5
 
 
 @dataclass(frozen=True)
@@ -70,14 +70,14 @@ def spectrum(responses: npt.NDArray[np.floating]) -> Array64:
 
 
 def approximate(
-    wanted: npt.NDArray[np.floating], given: npt.NDArray[np.floating], rank: int, balance: float = 0.5
+    wanted: npt.NDArray[np.floating], given: npt.NDArray[np.floating], rank: int, balance: float = BALANCE
 ) -> LowRank:
     """The affine map of rank `rank` that takes `given` nearest to `wanted`, in the sum of squares.
 
-    Reduced-rank regression: of the least-squares map M of the centred responses, the part in the first r principal
-    directions U of what it predicts, U U^T M.  Where both are the same responses that is their principal components,
-    y ~ mean + U U^T (y - mean).  Otherwise it is Zhang's asymmetric reconstruction, section 3.3: `given` are the
-    responses in the network as compressed so far, whose errors the map makes good again.
+    Zhang's asymmetric reconstruction, section 3.3: `given` are the responses in the network as compressed so far, whose
+    errors the map makes good again.  By reduced-rank regression: of the least-squares map M of the centred responses,
+    the part in the first r principal directions U of what it predicts, U U^T M.  Where both are the same responses that
+    is `principal` of them.
 
     Parameters
     ----------
@@ -87,49 +87,62 @@ def approximate(
         1 to D.
     balance : float in [0, 1]
         The middle's channels are divided by their standard deviation to that power, and what reads them makes up for
-        it: the values are the same, but their ranges become alike, which 8 bits keep better.  A channel's sign makes
-        its largest coefficient in `expand` positive, so that the same responses give the same map.
+        it: the values are the same, but their ranges become alike, which 8 bits keep better.
     """
     y, x = np.asarray(wanted, np.float64), np.asarray(given, np.float64)
     mean_y, mean_x = y.mean(axis=0), x.mean(axis=0)
     y, x = y - mean_y, x - mean_x
     values, vectors = np.linalg.eigh(x.T @ x / len(x))
     kept = values > LEAST_VARIANCE * max(values[-1], 0.0)
-    white = vectors[:, kept] / np.sqrt(values[kept])  # (D, q): x @ white has unit covariance
-    predicted = (y.T @ x / len(x)) @ white  # (D, q): y ~ predicted @ (white^T x)
-    u, s, vt = np.linalg.svd(predicted, full_matrices=False)
-    found = min(rank, len(s))
-    u, s, vt = u[:, :found], s[:found], vt[:found]
-    signs = np.sign(u[np.abs(u).argmax(axis=0), np.arange(found)])
-    u = u * signs
-    reduce = (signs * s)[:, None] * vt @ white.T  # (r, D): U^T M
-    scale = np.maximum(s, 1e-6 * s.max(initial=1e-300)) ** balance
-    reduce, expand = reduce / scale[:, None], u * scale
-    if found < rank:
-        reduce, expand = np.pad(reduce, [(0, rank - found), (0, 0)]), np.pad(expand, [(0, 0), (0, rank - found)])
-    return LowRank(reduce, -reduce @ mean_x, expand, mean_y)
+    whiten = vectors[:, kept] / np.sqrt(values[kept])  # (D, q)
+    # y ~ P (whiten^T x), with P = (D, q); U^T M = diag(s) V^T whiten^T of P's singular values s and vectors.
+    u, s, vt = np.linalg.svd((y.T @ x / len(x)) @ whiten, full_matrices=False)
+    lack = rank - len(s)  # where fewer directions vary
+    u, s, vt = u[:, :rank], s[:rank], vt[:rank]
+    reduce = s[:, None] * vt @ whiten.T
+    if lack > 0:
+        u, s, reduce = np.pad(u, [(0, 0), (0, lack)]), np.pad(s, (0, lack)), np.pad(reduce, [(0, lack), (0, 0)])
+    return _balanced(u, reduce, s, mean_x, mean_y, balance)
 
 
-def approximate_rectified(
-    wanted: npt.NDArray[np.floating], given: npt.NDArray[np.floating], rank: int, balance: float = 0.5
+def principal(
+    responses: npt.NDArray[np.floating], rank: int, gradients: Array64 | None = None, balance: float = BALANCE
 ) -> LowRank:
-    """As `approximate`, nearest to `wanted` behind a ReLU: min sum |max(y, 0) - max(M y' + b, 0)|^2.
+    """y ~ mean + U U^T (y - mean), with U (D, r) orthonormal.
 
-    Zhang's relaxation, section 3.2: auxiliary responses z for min sum |max(y, 0) - max(z, 0)|^2 + l |z - (M y' + b)|^2,
-    in which z, place by place, and (M, b), by `approximate`, take turns while l grows.
+    U spans the responses' first principal components; with `gradients`, those of responses and gradients together.
+    The adjoint of the two convolutions is W^T U U^T g for W^T g, so that what U leaves out of the gradient g is lost on
+    the way back, for the saliency.  Of the two moments, each divided by its trace, the sum is taken: over all orthonormal U that
+    keeps most of the shares of both.
+
+    Parameters
+    ----------
+    responses : (n, D)
+    gradients : (D, D), optional
+        Second moments of the gradients that come back to y, as `gradients.response_gradients` weighs them.
     """
-    rectified = np.maximum(np.asarray(wanted, np.float64), 0.0)
-    found = approximate(wanted, given, rank, balance)
-    for held, rounds in HELD:
-        for _ in range(rounds):
-            found = approximate(_between(rectified, found(given), held), given, rank, balance)
-    return found
+    y = np.asarray(responses, np.float64)
+    mean = y.mean(axis=0)
+    y = y - mean
+    moments = y.T @ y / len(y)
+    vectors = np.linalg.eigh(_of_trace_one(moments) + (0.0 if gradients is None else _of_trace_one(gradients)))[1]
+    u = vectors[:, ::-1][:, :rank]
+    return _balanced(u, u.T, np.sqrt(np.maximum(np.einsum("ir,ij,jr->r", u, moments, u), 0.0)), mean, mean, balance)
 
 
-def _between(rectified: Array64, near: Array64, held: float) -> Array64:
-    """z that minimises (rectified - max(z, 0))^2 + held (z - near)^2: the better of one below 0 and one above."""
-    below = np.minimum(near, 0.0)
-    above = np.maximum((held * near + rectified) / (held + 1.0), 0.0)
-    cost_below = rectified**2 + held * (below - near) ** 2
-    cost_above = (rectified - above) ** 2 + held * (above - near) ** 2
-    return np.where(cost_below < cost_above, below, above)
+def _of_trace_one(moments: Array64) -> Array64:
+    return moments / max(float(np.trace(moments)), 1e-300)
+
+
+def _balanced(
+    expand: Array64, reduce: Array64, deviations: Array64, mean_x: Array64, mean_y: Array64, balance: float
+) -> LowRank:
+    """y ~ mean_y + expand reduce (x - mean_x), the middle's channels of these standard deviations made alike.
+
+    A channel's sign makes its largest coefficient in `expand` positive, so that the same responses give the same map.
+    """
+    signs = np.sign(expand[np.abs(expand).argmax(axis=0), np.arange(expand.shape[1])])
+    signs[signs == 0] = 1.0
+    scale = signs * np.maximum(deviations, LEAST_DEVIATION * deviations.max(initial=1e-300)) ** balance
+    reduce = reduce / scale[:, None]
+    return LowRank(reduce, -reduce @ mean_x, expand * scale, mean_y)
