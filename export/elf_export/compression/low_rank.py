@@ -112,8 +112,8 @@ def principal(
 
     U spans the responses' first principal components; with `gradients`, those of responses and gradients together.
     The adjoint of the two convolutions is W^T U U^T g for W^T g, so that what U leaves out of the gradient g is lost on
-    the way back, for the saliency.  Of the two moments, each divided by its trace, the sum is taken: over all orthonormal U that
-    keeps most of the shares of both.
+    the way back, for the saliency.  Of the two moments, each divided by its trace, the sum is taken: of all orthonormal
+    U, that keeps the largest shares of both together.
 
     Parameters
     ----------

@@ -240,7 +240,7 @@ def test_a_layer_that_is_projected_has_its_low_rank_by_that(tmp_path: Path, pict
     """Fewer directions than the descriptor has values would be left of it."""
     onnx.save(network(), tmp_path / "net.onnx")
     said: list[str] = []
-    with pytest.raises(ExportError, match="'conv3' is no convolution that can be compressed; there are block/conv2$"):
+    with pytest.raises(ExportError, match=r"'conv3' is no convolution that can be compressed; there are block/conv2$"):
         export_onnx(
             tmp_path / "net.onnx", "relu2", ["conv3"], tmp_path / "a.onnx", compression=Compression(ranks={"conv3": 8}),
             calibration=pictures, reduction=Reduction(16), log=said.append,
