@@ -13,6 +13,7 @@ import elf_runtime  # noqa: F401  (first: it prepares ONNX Runtime)
 from .errors import ExportError, LayerError, UnsupportedGraphError, UnsupportedNode, VerificationError, WeightsError
 
 if TYPE_CHECKING:
+    from .compression.ranks import Compression
     from .descriptors.projection import Reduction
     from .graph.passes import convert_opset, single_precision
     from .library import export_network, export_onnx
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from .sources.foreign.load import load_model
 
 __all__ = [
+    "Compression",
     "ExportError",
     "ExportResult",
     "LayerError",
@@ -41,6 +43,7 @@ __all__ = [
 ]
 
 _HOMES = {
+    "Compression": "compression.ranks",
     "ExportResult": "pipeline",
     "Preprocessing": "preprocessing",
     "Reduction": "descriptors.projection",

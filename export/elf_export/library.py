@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Sequence
 from typing import Literal
 
+from .compression.ranks import Compression
 from .descriptors.projection import Reduction
 from .detection import Wanted, as_mapping
 from .errors import ExportError
@@ -30,6 +31,7 @@ def export_network(
     preprocessing: Preprocessing | Literal["paper", "own"] = "paper",
     desc_weights: str | os.PathLike[str] | None = None,
     reduction: Reduction | None = None,
+    compression: Compression | None = None,
     calibration: str | os.PathLike[str] | None = None,
     precision: str = "fp32",
     log: Log = lambda _: None,
@@ -61,8 +63,10 @@ def export_network(
         Weights of the other network that describes, as `weights`.
     reduction : Reduction, optional
         Fewer values a descriptor, in every descriptor layer; the layers' channels as they are by default.
+    compression : Compression, optional
+        Convolutions in low rank, for less time: see `elf_export.compression`.
     calibration : path, optional
-        Folder of images that reduction and precision are fitted to; the exporter's photographs by default.
+        Folder of images that compression, reduction and precision are fitted to; the exporter's photographs by default.
     precision : "fp32", "fp16", "bf16" or "int8"
         See `elf_export.precision.lower`.
     log : function
@@ -84,7 +88,7 @@ def export_network(
         Request(
             net=name, layer=layer, desc=desc, output=output, weights=weights, desc_weights=desc_weights,
             offline=offline, preprocess=preprocessing, opset=opset, force=force, detection=as_mapping(detection),
-            reduction=reduction, calibration=calibration, precision=precision,
+            reduction=reduction, compression=compression, calibration=calibration, precision=precision,
         ),
         log,
     )  # fmt: skip
@@ -104,6 +108,7 @@ def export_onnx(
     detection: Wanted = None,
     desc_weights: str | os.PathLike[str] | None = None,
     reduction: Reduction | None = None,
+    compression: Compression | None = None,
     calibration: str | os.PathLike[str] | None = None,
     precision: str = "fp32",
     log: Log = lambda _: None,
@@ -123,7 +128,7 @@ def export_onnx(
         By default the paper's standardisation, on RGB (or gray) pixels.
     opset : int, optional
         The file's own by default, moved into 11 to 20.
-    offline, desc_weights, detection, reduction, calibration, precision, log : optional
+    offline, desc_weights, detection, reduction, compression, calibration, precision, log : optional
         As in `export_network`.
 
     Returns
@@ -143,7 +148,7 @@ def export_onnx(
         Request(
             onnx=file, layer=layer, desc=tuple(descriptors), output=output, desc_weights=desc_weights, offline=offline,
             preprocess=preprocessing, input=image_input, opset=opset, force=force, detection=as_mapping(detection),
-            reduction=reduction, calibration=calibration, precision=precision,
+            reduction=reduction, compression=compression, calibration=calibration, precision=precision,
         ),
         log,
     )  # fmt: skip

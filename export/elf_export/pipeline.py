@@ -5,21 +5,23 @@ from __future__ import annotations
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import onnx
 
 from elf_runtime import ModelContract
-from elf_runtime.contract import ReductionSpec
+from elf_runtime.contract import CompressionSpec, ReductionSpec
 
-from .calibration import calibration_set
+from .calibration import CalibrationSet, calibration_set
 from .checks import Check, require
+from .checks.compressed import compare_compressed
 from .checks.trial import require_usable
+from .compression.compress import compress
 from .contract import cost_of, descriptor_specs, input_spec, versions
 from .descriptors.other_network import attach
 from .descriptors.reduce import reduce_descriptors
-from .file import write
+from .file import stamped, write
 from .graph.passes import opset_of, require_opset
 from .graph.receptive_field import stated
 from .graph.sizes import Sizes
@@ -42,8 +44,8 @@ class ExportResult:
     path : Path
     contract : ModelContract
     checks : tuple of Check
-        What the graph was held against: a saliency check always, one of the projected descriptors and one of the
-        lower precision where there are any.
+        What the graph was held against: a saliency check always, one of the projected descriptors, of the compression
+        and of the lower precision where there are any.
     """
 
     path: Path
@@ -62,21 +64,51 @@ def export(request: Request, log: Log = lambda _: None) -> ExportResult:
     with only_export_errors(request.onnx) if request.onnx is not None else nullcontext():
         require_opset(request.opset)
         images = calibration_set(request.calibration)
-        sources = open_sources(request, log)
-        model = saliency_graph(sources, channels_last=request.precision == "int8")
-        sizes = finished_sizes(model, sources, log)
-        model, reductions, projected = reduce_descriptors(
-            model, sources.descriptors, request.reduction, images, input_spec(sources.color, sizes),
-            sources.detector.detection.scale, sources.maps(model), log,
-        )  # fmt: skip
-        saliency = sources.detector.oracle.check(model, sources.color, sources.detector.detection, sizes)
+        whole = open_sources(request, log)
+        sources, compression = compress(whole, request.compression, images, log)
+        graph = finished_graph(sources, images, log)
+        saliency = sources.detector.oracle.check(graph.model, sources.color, sources.detector.detection, graph.sizes)
         require(saliency, log)
-        contract = contract_of(model, sources, sizes, reductions, (saliency, *projected))
-        model, contract, lowered = lower(model, contract, request.precision, images, log)
-        require_usable(model, contract, sizes)
+        contract = contract_of(graph, sources, (saliency, *graph.checks), compression)
+        contract, compared = compare(graph, contract, whole, images, log)
+        model, contract, lowered = lower(graph.model, contract, request.precision, images, log)
+        require_usable(model, contract, graph.sizes)
         path = Path(sources.request.output or "")
         write(model, contract, path)
-        return ExportResult(path, contract, (saliency, *projected, *lowered))
+        return ExportResult(path, contract, (saliency, *graph.checks, *compared, *lowered))
+
+
+@dataclass(frozen=True)
+class Finished:
+    """The float32 graph of an export, before its saliency is checked.
+
+    Attributes
+    ----------
+    model : onnx.ModelProto
+    sizes : Sizes
+        Of images that it takes.
+    reductions : mapping
+        Descriptor layer -> what the contract says of its projection.
+    checks : tuple of Check
+        Of the projected descriptors, if there are any.
+    """
+
+    model: onnx.ModelProto
+    sizes: Sizes
+    reductions: Mapping[str, ReductionSpec]
+    checks: tuple[Check, ...]
+
+
+def finished_graph(sources: Sources, images: CalibrationSet, log: Log = lambda _: None) -> Finished:
+    """Saliency and descriptors, projected where that is asked for, and the sizes that they take."""
+    request = sources.request
+    model = saliency_graph(sources, channels_last=request.precision == "int8")
+    sizes = finished_sizes(model, sources, log)
+    model, reductions, projected = reduce_descriptors(
+        model, sources.descriptors, request.reduction, images, input_spec(sources.color, sizes),
+        sources.detector.detection.scale, sources.maps(model), log,
+    )  # fmt: skip
+    return Finished(model, sizes, reductions, projected)
 
 
 def saliency_graph(sources: Sources, channels_last: bool) -> onnx.ModelProto:
@@ -108,12 +140,20 @@ def finished_sizes(model: onnx.ModelProto, sources: Sources, log: Log) -> Sizes:
     return sizes
 
 
+def compare(
+    graph: Finished, contract: ModelContract, whole: Sources, images: CalibrationSet, log: Log
+) -> tuple[ModelContract, tuple[Check, ...]]:
+    """The contract with what compression has changed, and the check that measured it; as it is without compression."""
+    if contract.compression is None:
+        return contract, ()
+    other = finished_graph(whole, images)
+    check = compare_compressed(stamped(graph.model, contract), stamped(other.model, contract_of(other, whole)), images)
+    require(check, log)
+    return replace(contract, parity={**contract.parity, **check.figures()}), (check,)
+
+
 def contract_of(
-    model: onnx.ModelProto,
-    sources: Sources,
-    sizes: Sizes,
-    reductions: Mapping[str, ReductionSpec],
-    checks: Sequence[Check],
+    graph: Finished, sources: Sources, checks: Sequence[Check] = (), compression: CompressionSpec | None = None
 ) -> ModelContract:
     """All that the file says of itself."""
     detector, field = sources.detector, sources.fields[sources.detector.layer]
@@ -122,13 +162,14 @@ def contract_of(
         layer=detector.layer,
         stride=field.stride,
         receptive_field=stated(field.size),
-        input=input_spec(sources.color, sizes),
-        descriptors=descriptor_specs(model, sources.descriptors, sources.fields, reductions),
+        input=input_spec(sources.color, graph.sizes),
+        descriptors=descriptor_specs(graph.model, sources.descriptors, sources.fields, graph.reductions),
         detection=detector.detection,
         preprocessing=detector.preprocessing.describe(),
         weights=sources.weights,
+        compression=compression,
         parity={name: value for check in checks for name, value in check.figures().items()},
-        cost=cost_of(model, sources.descriptors, sizes.usual),
-        versions=versions(opset_of(model)),
+        cost=cost_of(graph.model, sources.descriptors, graph.sizes.usual),
+        versions=versions(opset_of(graph.model)),
         command=shlex.join(sources.request.words()),
     )

@@ -13,6 +13,7 @@ from elf_runtime.params import setting_text
 from .errors import ExportError
 
 if TYPE_CHECKING:
+    from .compression.ranks import Compression
     from .descriptors.projection import Reduction
     from .preprocessing import Preprocessing
 
@@ -53,8 +54,10 @@ class Request:
         Settings that the file carries in place of the network's own.
     reduction : Reduction, optional
         Fewer values a descriptor.
+    compression : Compression, optional
+        Convolutions in low rank.
     calibration : path, optional
-        Folder of images that reduction and precision are fitted to.
+        Folder of images that compression, reduction and precision are fitted to.
     """
 
     net: str | None = None
@@ -71,6 +74,7 @@ class Request:
     force: bool = False
     detection: Mapping[str, Any] = field(default_factory=dict)
     reduction: Reduction | None = None
+    compression: Compression | None = None
     calibration: File | None = None
     precision: str = "fp32"
 
@@ -106,10 +110,11 @@ class Request:
         if self.preprocess == "own":
             option("preprocess", "own")
         words += self.reduction.words() if self.reduction is not None else []
+        words += self.compression.words() if self.compression is not None else []
         for name, value in self.detection.items():
             words += ["--set", f"{name}={setting_text(value)}"]
         option("precision", self.precision if self.precision != "fp32" else "")
-        if self.reduction is not None or self.precision != "fp32":
+        if self.reduction is not None or self.compression is not None or self.precision != "fp32":
             option("calibration", self.calibration)
         if self.onnx is not None and self.preprocess not in (None, "paper", "own"):
             words += self.preprocess.words()  # type: ignore[union-attr]

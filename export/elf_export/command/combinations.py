@@ -42,8 +42,9 @@ def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
     for name in ("desc_reduce", "whiten", "keep_weights"):
         if given(name) and args.desc_dim is None:
             fail(f"--{name.replace('_', '-')} goes with --desc-dim only")
-    if args.calibration is not None and args.desc_dim is None and args.precision == "fp32":
-        fail("--calibration goes with --desc-dim or --precision only")
+    fitted = args.desc_dim is not None or args.compress is not None or args.precision != "fp32"
+    if args.calibration is not None and not fitted:
+        fail("--calibration goes with --compress, --desc-dim or --precision only")
     if args.desc_dim is not None and args.desc == "none":
         fail("--desc none leaves no descriptor for --desc-dim to project")
     if args.desc_dim is not None and args.desc_dim < 1:

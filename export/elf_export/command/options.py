@@ -11,6 +11,7 @@ from elf_runtime.commands.command import Parser, new_parser
 from elf_runtime.commands.options import setting
 
 if TYPE_CHECKING:
+    from elf_export.compression.ranks import Compression
     from elf_export.descriptors.projection import Reduction
     from elf_export.preprocessing import Preprocessing
 
@@ -85,8 +86,15 @@ def _file(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--calibration",
         metavar="FOLDER",
-        help="images that --desc-dim and --precision are fitted to (default: photographs that come with the exporter)",
+        help="images that --compress, --desc-dim and --precision are fitted to (default: photographs that come with "
+        "the exporter)",
     )
+    p.add_argument(
+        "--compress", metavar="RATIO|energy=E|LAYER=RANK,...",
+        help="convolutions in low rank, for less time: to a ratio of their multiply-adds (0.5), to a share of the "
+        "variance of what each gives (energy=0.99), or to so many channels between the two parts of each that is named "
+        "(conv1_2=16,conv2_1=32).  What it changes is printed",
+    )  # fmt: skip
     p.add_argument(
         "--precision", choices=PRECISIONS, default="fp32",
         help="int8: convolutions in 8-bit integers, for CPUs; fp16: for GPUs; bf16: weights stored in half the bytes. "
@@ -164,6 +172,7 @@ def request_of(args: argparse.Namespace) -> Request:
         force=args.force,
         detection=dict(args.set),
         reduction=reduction_of(args),
+        compression=compression_of(args),
         calibration=args.calibration,
         precision=args.precision,
     )
@@ -192,6 +201,13 @@ def reduction_of(args: argparse.Namespace) -> Reduction | None:
     if args.desc_dim is None:
         return None
     return Reduction(args.desc_dim, args.desc_reduce or "pca", args.whiten, args.keep_weights)
+
+
+def compression_of(args: argparse.Namespace) -> Compression | None:
+    """What --compress says; None without it."""
+    from elf_export.compression.ranks import Compression
+
+    return None if args.compress is None else Compression.parse(args.compress)
 
 
 def layers_of(text: str | None) -> list[str] | None:

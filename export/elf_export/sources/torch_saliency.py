@@ -41,7 +41,7 @@ def load(model: str | os.PathLike[str]) -> Saliency:
     Raises
     ------
     ExportError
-        If the network has no name here.
+        If the network has no name here, or was compressed.
     WeightsError
         If the file does not hold its weights as floats.
     """
@@ -50,6 +50,10 @@ def load(model: str | os.PathLike[str]) -> Saliency:
     file = os.fspath(model)
     proto = onnx.load(file)
     contract = ModelContract.from_metadata({p.key: p.value for p in proto.metadata_props}, file)
+    if contract.compression is not None:
+        raise ExportError(
+            f"{file}: its convolutions are compressed ({contract.compression.wanted}); torch has the whole"
+        )
     network = get_network(contract.network)
     stored = {tensor.name: tensor for tensor in proto.graph.initializer}
     tensors: dict[str, npt.NDArray[np.float32]] = {}

@@ -22,6 +22,16 @@ _PARITY = {
     "float32_median_error": "median error of float32's gradient against float64's, of its maximum",
     "float32_error_of_99_percent": "99 % of float32's gradient against float64's within, of its maximum",
     "descriptor_error": "largest error of the projected descriptors, of their largest value",
+    "compressed_correlation": "correlation of the saliency with the whole network's",
+    "compressed_agreeing": "share of the whole network's keypoints that have one within a pixel",
+    "compressed_keypoints": "keypoints of an image, compressed",
+    "compressed_keypoints_whole": "keypoints of an image, by the whole network",
+    "compressed_rep": "repeatability between images and views of them, compressed, %",
+    "compressed_rep_whole": "repeatability between images and views of them, by the whole network, %",
+    "compressed_ms": "matching score between images and views of them, compressed, %",
+    "compressed_ms_whole": "matching score between images and views of them, by the whole network, %",
+    "compressed_mma@1": "matches within a pixel of the truth, compressed, %",
+    "compressed_mma@1_whole": "matches within a pixel of the truth, by the whole network, %",
     "lower_correlation": "correlation of the saliency in {precision} with fp32's",
     "lower_agreeing": "share of fp32's keypoints that have one in {precision} within a pixel",
     "lower_keypoints": "keypoints of an image in {precision}",
@@ -85,6 +95,8 @@ def _contract_rows(contract: Mapping[str, Any], gflop: Mapping[str, float]) -> l
     rows.append(_row("input", f"{spec['dtype']} {spec['layout']}, {pixels}"))
     rows.append(_row("preprocessing", contract["preprocessing"] or "not recorded"))
     rows.append(_row("precision", contract["precision"]))
+    if contract.get("compression"):
+        rows.append(_row("compression", _compression(contract["compression"])))
     origin = [weights["source"], f"licence {weights['licence']}" if weights["licence"] else ""]
     rows.append(_row("weights", ", ".join(filter(None, origin)) or "not recorded"))
     if contract["receptive_field"]:
@@ -124,6 +136,15 @@ def _descriptor(spec: Mapping[str, Any]) -> str:
     return (
         f"{text}; of {reduction['source_dim']} channels by {reduction['method']}{whiten}, {reduction['kept']:.0%} of "
         f"their variance, fitted to {reduction['calibration']} (SHA-256 {reduction['sha256'][:16]}...)"
+    )
+
+
+def _compression(spec: Mapping[str, Any]) -> str:
+    ranks = ", ".join(f"{name} {rank}" for name, rank in list(spec["ranks"].items())[:_MOST_ROWS])
+    more = ", ..." if len(spec["ranks"]) > _MOST_ROWS else ""
+    return (
+        f"convolutions in low rank: {ranks}{more}; {spec['multiply_adds']:.0%} of their multiply-adds, fitted to "
+        f"{spec['calibration']} (SHA-256 {spec['sha256'][:16]}...)"
     )
 
 

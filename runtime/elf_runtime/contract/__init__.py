@@ -18,10 +18,11 @@ from __future__ import annotations
 
 from .metadata import SCHEMA_VERSION
 from .model import ModelContract
-from .specs import DescriptorSpec, InputSpec, ReductionSpec, WeightsSpec
+from .specs import CompressionSpec, DescriptorSpec, InputSpec, ReductionSpec, WeightsSpec
 
 __all__ = [
     "SCHEMA_VERSION",
+    "CompressionSpec",
     "DescriptorSpec",
     "InputSpec",
     "ModelContract",

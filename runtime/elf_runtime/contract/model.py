@@ -10,7 +10,7 @@ from elf_runtime.errors import ContractError, SettingError
 from elf_runtime.params import DetectionParams
 
 from .metadata import read_metadata, write_metadata
-from .specs import DescriptorSpec, InputSpec, WeightsSpec
+from .specs import CompressionSpec, DescriptorSpec, InputSpec, WeightsSpec
 from .tensors import disagreement
 
 
@@ -37,6 +37,8 @@ class ModelContract:
         What the graph does to the raw pixels, in words; it is inside the graph.
     precision : str
         "fp32", "fp16", "int8", ...
+    compression : CompressionSpec, optional
+        Of the network's convolutions, where they are not as they were trained.
     parity : mapping
         The exporter's measured errors against its reference (maximum, share of pixels, keypoints).
     cost : mapping
@@ -56,6 +58,7 @@ class ModelContract:
     preprocessing: str = ""
     precision: str = "fp32"
     weights: WeightsSpec = field(default_factory=WeightsSpec)
+    compression: CompressionSpec | None = None
     parity: Mapping[str, float] = field(default_factory=dict)
     cost: Mapping[str, float] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
@@ -67,7 +70,10 @@ class ModelContract:
 
     def to_metadata(self) -> dict[str, str]:
         """The contract as ``{key: text}`` for ONNX ``metadata_props``; values are JSON."""
-        return write_metadata(asdict(self))
+        values = asdict(self)
+        if self.compression is None:
+            del values["compression"]  # as of files that are older than the field
+        return write_metadata(values)
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str], file: str) -> ModelContract:

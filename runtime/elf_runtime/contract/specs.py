@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 # What a contract may say at most: more is a damaged file, not a model.
 LARGEST_SIDE = 8192  # pixels, and values of a descriptor
@@ -99,6 +100,29 @@ class ReductionSpec:
     source_dim: int = 0
     whiten: float = 0.0
     kept: float = 1.0
+    calibration: str = ""
+    sha256: str = ""
+
+
+@dataclass(frozen=True)
+class CompressionSpec:
+    """How convolutions became two of fewer multiply-adds each; the graph has them, this is a record.
+
+    Attributes
+    ----------
+    wanted : str
+        What was asked for: a ratio, an energy, or ranks.
+    ranks : mapping
+        Name of a convolution -> channels between its two parts.
+    multiply_adds : float
+        Share that is left of those of all convolutions that could be compressed.
+    calibration, sha256 : str
+        The images that it was fitted to, and a hash over their files.
+    """
+
+    wanted: str = ""
+    ranks: Mapping[str, int] = field(default_factory=dict)
+    multiply_adds: float = 1.0
     calibration: str = ""
     sha256: str = ""
 

@@ -13,7 +13,7 @@ import pytest
 
 from elf_export import ExportError, VerificationError
 from elf_export.calibration import CalibrationSet, calibration_set
-from elf_export.checks import lower_precision, require
+from elf_export.checks import lower_precision, require, views
 from elf_runtime import DetectionParams, Features, InputSpec
 from helpers import textured
 
@@ -60,7 +60,7 @@ def test_a_keypoint_is_near_another_up_to_a_pixel_away() -> None:
 @pytest.mark.parametrize("index", range(4))
 def test_a_view_shows_the_image_where_the_homography_says(index: int) -> None:
     image = textured(120, 200, 1)
-    view, homography = lower_precision._view(image, index)
+    view, homography = views.view_of(image, index)
     assert (view.shape, view.dtype) == (image.shape, np.uint8)
     grid = np.stack(np.meshgrid(np.arange(30, 170, 3), np.arange(20, 100, 3)), -1).reshape(-1, 2)
     moved = np.c_[grid, np.ones(len(grid))] @ homography.T
@@ -72,22 +72,22 @@ def test_a_view_shows_the_image_where_the_homography_says(index: int) -> None:
 
 def test_views_differ_and_are_cut_off_at_white() -> None:
     white = np.full((60, 80, 3), 255, np.uint8)
-    views, homographies = zip(*(lower_precision._view(white, index) for index in range(6)), strict=True)
-    inner = np.array([view[20:40, 30:50].mean() for view in views])
+    shown, homographies = zip(*(views.view_of(white, index) for index in range(6)), strict=True)
+    inner = np.array([view[20:40, 30:50].mean() for view in shown])
     assert 0.69 * 255 < inner.min() < inner.max() <= 255
     assert len({tuple(h.ravel()) for h in homographies}) == 6
-    assert min(view[20:40, 30:50].min() for view in views) > 0.6 * 255
+    assert min(view[20:40, 30:50].min() for view in shown) > 0.6 * 255
 
 
 def test_images_are_640_pixels_large_at_most_and_the_exporter_s_own_as_in_calibration(tmp_path: Path) -> None:
     images = folder_of(tmp_path, (100, 1280), (900, 300), (40, 60))
-    sizes = [image.shape for image in lower_precision._sources(images, InputSpec(), 0.5)]
+    sizes = [image.shape for image in views.sources(images, InputSpec(), 0.5)]
     assert sizes == [(50, 640, 3), (640, 213, 3), (40, 60, 3)]
     ready = CalibrationSet(images.name, images.files[2:], images.sha256, ready=True)
-    assert [image.shape for image in lower_precision._sources(ready, InputSpec(), 0.5)] == [(80, 120, 3)]
+    assert [image.shape for image in views.sources(ready, InputSpec(), 0.5)] == [(80, 120, 3)]
     (tmp_path / "0.png").write_bytes(b"no image")
     with pytest.raises(ExportError, match=r"0\.png: not an image that OpenCV can decode"):
-        list(lower_precision._sources(images, InputSpec(), 0.5))
+        list(views.sources(images, InputSpec(), 0.5))
 
 
 # -- the measure ---------------------------------------------------------------------------------------------------

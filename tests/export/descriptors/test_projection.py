@@ -341,7 +341,7 @@ def test_what_an_export_refuses(tmp_path: Path) -> None:
     [
         (["--whiten", "0.5"], "--whiten goes with --desc-dim only"),
         (["--desc-reduce", "pca"], "--desc-reduce goes with --desc-dim only"),
-        (["--calibration", "photos"], "--calibration goes with --desc-dim or --precision only"),
+        (["--calibration", "photos"], "--calibration goes with --compress, --desc-dim or --precision only"),
         (["--desc-dim", "0"], "--desc-dim is 1 or more, not 0"),
         (["--desc-dim", "8", "--desc", "none"], "--desc none leaves no descriptor"),
         (["--desc-dim", "8", "--whiten", "2"], "--whiten is a number from 0 to 1, not 2"),

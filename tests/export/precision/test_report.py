@@ -13,7 +13,7 @@ from onnx import TensorProto
 
 from elf_export import ExportError, export_network, export_onnx
 from elf_export.calibration import calibration_set
-from elf_export.checks import lower_precision
+from elf_export.checks import lower_precision, views
 from elf_export.precision.half import bfloat16_weights
 from elf_runtime import InputSpec
 from export import small_models as small
@@ -65,7 +65,7 @@ def test_panoramas_and_images_below_the_smallest_size_are_compared(tmp_path: Pat
     cv2.imwrite(str(tmp_path / "panorama.png"), textured(40, 5000))
     cv2.imwrite(str(tmp_path / "small.png"), textured(31, 40))
     images, spec = calibration_set(tmp_path), InputSpec(min_size=32)
-    assert [image.shape[:2] for image in lower_precision._sources(images, spec, 1.0)] == [(32, 640), (32, 41)]
+    assert [image.shape[:2] for image in views.sources(images, spec, 1.0)] == [(32, 640), (32, 41)]
     assert lower_precision.measure(small_elf, small_elf, images).correlation == pytest.approx(1)
 
 

@@ -11,6 +11,7 @@ from .compose_convs import compose_convs
 from .convert_opset import OPSETS, convert_opset, opset_of, require_opset, target_opset
 from .cut import cut
 from .expand_response import expand_response
+from .factor_convs import factor_convs
 from .fold_batchnorm import fold_batchnorm
 from .fold_constants import fold_constants
 from .project import project
@@ -28,6 +29,7 @@ __all__ = [
     "convert_opset",
     "cut",
     "expand_response",
+    "factor_convs",
     "fold_batchnorm",
     "fold_constants",
     "opset_of",
