@@ -129,7 +129,7 @@ def origin(elf: ElfRuntime, args: argparse.Namespace) -> dict[str, Any]:
 
 def open_runtime(args: argparse.Namespace) -> ElfRuntime:
     """The model of the options, with detection settings checked before the first image is read."""
-    elf = ElfRuntime(args.model, providers=args.provider, threads=args.threads)
+    elf = ElfRuntime(args.model, providers=args.provider, threads=args.threads, max_pixels=args.max_pixels)
     params(elf, args)
     elf.contract.descriptor(args.descriptor)
     return elf
