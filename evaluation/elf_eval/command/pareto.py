@@ -53,6 +53,6 @@ def _pareto(args: argparse.Namespace) -> None:
         pareto.draw(study, picture)
         written.append(picture)
     shown = Path(os.path.relpath(picture, page.parent)).as_posix() if picture.exists() else None
-    page.write_text(pareto.markdown(study, shown))
-    print(page.read_text())
+    page.write_text(pareto.markdown(study, shown), encoding="utf-8")
+    print(page.read_text(encoding="utf-8"))
     print(f"written: {', '.join(map(str, written))}", file=sys.stderr)

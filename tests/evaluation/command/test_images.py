@@ -9,3 +9,9 @@ def test_images_are_written_under_the_names_that_precomputed_features_use(hpatch
     assert main(["images", f"scale:{hpatches_folder}", "--out", str(tmp_path / "i"), "--size", "160x120"]) == 0
     assert (tmp_path / "i" / "v_turn" / "1@scale-1.25.png").is_file()
     assert "10 images" in capsys.readouterr().out
+
+
+def test_an_image_that_can_t_be_written_is_named(hpatches_folder, tmp_path, capsys):
+    (tmp_path / "i" / "v_turn" / "1@scale-1.25.png").mkdir(parents=True)
+    assert main(["images", f"scale:{hpatches_folder}", "--out", str(tmp_path / "i"), "--size", "160x120"]) == 1
+    assert "1@scale-1.25.png" in capsys.readouterr().err
