@@ -13,9 +13,10 @@ from elf_eval.errors import EvalError
 from elf_eval.report import pareto, plots
 from elf_eval.run.results import Results
 from elf_eval.suite.suite import Suite
+from elf_runtime.commands.options import positive
 from elf_runtime.files.write import unwritable
 
-from .options import Subcommands, positive
+from .options import Subcommands
 from .outputs import check_folder
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy.typing as npt
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import SettingError
 from elf_runtime.image.file import MAX_PIXELS, read
-from elf_runtime.params import SETTINGS, DetectionParams, parse_setting, parse_value
+from elf_runtime.params import SETTINGS, DetectionParams, parse_setting, parse_value, setting_text, setting_value
 from elf_runtime.presets import PRESETS
 
 from .command import UsageError
@@ -89,14 +90,17 @@ def settings(args: argparse.Namespace) -> dict[str, Any]:
     ------
     UsageError
         On a --set of an unknown name, or of one that has an option which is given too.
+    SettingError
+        On one with a value out of range.
     """
     own_options = ("max_keypoints", "threshold", "nms_radius", "border", "grid", "preset", "scale", "descriptor")
     given = {name: getattr(args, name) for name in own_options}
-    for name, _ in args.set:
+    for name, value in args.set:
         if name not in SETTINGS:
             raise UsageError(f"--set: unknown setting {name!r}; known are {', '.join(SETTINGS)}")
         if given.get(name) is not None:
             raise UsageError(f"--set {name}: --{name.replace('_', '-')} is given too; leave one of them out")
+        setting_value(name, setting_text(value))  # its error shows the text, not a tuple
     return given | dict(args.set)
 
 
@@ -136,11 +140,10 @@ def open_runtime(args: argparse.Namespace) -> ElfRuntime:
 
 
 def positive(text: str) -> int:
-    """An argparse type: an integer of at least 1."""
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{value} is not at least 1")
-    return value
+    """An argparse type: a whole number from 1 on."""
+    if re.fullmatch("0*[1-9][0-9]*", text) is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 on")
+    return int(text)
 
 
 def setting(text: str) -> tuple[str, Any]:
@@ -151,6 +154,9 @@ def setting(text: str) -> tuple[str, Any]:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-def grid(text: str) -> Any:
-    """An argparse type: ``4x6``, rows and columns; whether they are is checked with the other settings."""
-    return parse_value(text.replace("x", ","))
+def grid(text: str) -> tuple[int, int]:
+    """An argparse type: ``4x6``, rows and columns."""
+    match = re.fullmatch("(0*[1-9][0-9]*)x(0*[1-9][0-9]*)", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is not ROWSxCOLUMNS")
+    return int(match[1]), int(match[2])

@@ -83,3 +83,11 @@ def test_a_plugin_that_fails_is_named(factory, reason, monkeypatch):
     with pytest.raises(EvalError) as failed:
         open_method("plugin:made_by_tests.factory")
     assert str(failed.value) == f"plugin:made_by_tests.factory: {reason}"
+
+
+def test_a_wrong_option_is_said_once():
+    with pytest.raises(EvalError) as failed:
+        open_method("sobel?denoise=4,2")
+    assert str(failed.value) == (
+        "sobel?denoise=4,2: denoise is (mu, sigma) with mu odd, 1 to 999, and sigma > 0, not 4,2"
+    )

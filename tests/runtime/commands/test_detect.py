@@ -612,3 +612,26 @@ def test_max_pixels_raises_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setitem(ElfRuntime.__init__.__kwdefaults__, "max_pixels", 1000)  # the default
     words = [str(tmp_path / "a.png"), "-o", str(tmp_path / "out"), "--model", str(TINY), "--no-picture"]
     assert main([*words, "--max-pixels", "5000"]) == 0
+
+
+@pytest.mark.parametrize("text", ["ax6", "2,3", "0x3", "4x", "4x6x2"])
+def test_a_grid_that_is_none_is_refused(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["a.png", "-o", "out", "--grid", text])
+    assert capsys.readouterr().err.endswith(f"argument --grid: {text!r} is not ROWSxCOLUMNS\n")
+
+
+@pytest.mark.parametrize(
+    ("word", "reason"),
+    [
+        ("grid=4,0", "grid is (rows, columns), integers >= 1, not 4,0"),
+        ("denoise=4,1.5", "denoise is (mu, sigma) with mu odd, 1 to 999, and sigma > 0, not 4,1.5"),
+    ],
+)
+def test_a_setting_s_error_shows_what_was_typed(
+    word: str, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), textured(48, 64))
+    words = [str(tmp_path / "a.png"), "-o", str(tmp_path / "out"), "--model", str(TINY)]
+    assert main([*words, "--set", word]) == 2
+    assert capsys.readouterr().err == f"elf-detect: error: {reason}\n"
