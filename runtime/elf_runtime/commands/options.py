@@ -91,17 +91,20 @@ def settings(args: argparse.Namespace) -> dict[str, Any]:
     UsageError
         On a --set of an unknown name, or of one that has an option which is given too.
     SettingError
-        On one with a value out of range.
+        On several values where others are expected.
     """
     own_options = ("max_keypoints", "threshold", "nms_radius", "border", "grid", "preset", "scale", "descriptor")
     given = {name: getattr(args, name) for name in own_options}
-    for name, value in args.set:
+    for name, _ in args.set:
         if name not in SETTINGS:
             raise UsageError(f"--set: unknown setting {name!r}; known are {', '.join(SETTINGS)}")
         if given.get(name) is not None:
             raise UsageError(f"--set {name}: --{name.replace('_', '-')} is given too; leave one of them out")
-        setting_value(name, setting_text(value))  # its error shows the text, not a tuple
-    return given | dict(args.set)
+    found = given | dict(args.set)
+    for name, value in found.items():
+        if name in SETTINGS and isinstance(value, tuple):
+            setting_value(name, setting_text(value))  # its error shows the text, not a tuple
+    return found
 
 
 def params(elf: ElfRuntime, args: argparse.Namespace) -> DetectionParams:

@@ -622,16 +622,16 @@ def test_a_grid_that_is_none_is_refused(text: str, capsys: pytest.CaptureFixture
 
 
 @pytest.mark.parametrize(
-    ("word", "reason"),
+    ("words", "reason"),
     [
-        ("grid=4,0", "grid is (rows, columns), integers >= 1, not 4,0"),
-        ("denoise=4,1.5", "denoise is (mu, sigma) with mu odd, 1 to 999, and sigma > 0, not 4,1.5"),
+        (["--threshold", "1,2"], "threshold is 'kapur', 'none' or a number in [0, 1], not 1,2"),
+        (["--set", "grid=4,0"], "grid is (rows, columns), integers >= 1, not 4,0"),
+        (["--set", "denoise=4,1.5"], "denoise is (mu, sigma) with mu odd, 1 to 999, and sigma > 0, not 4,1.5"),
     ],
 )
 def test_a_setting_s_error_shows_what_was_typed(
-    word: str, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: list[str], reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), textured(48, 64))
-    words = [str(tmp_path / "a.png"), "-o", str(tmp_path / "out"), "--model", str(TINY)]
-    assert main([*words, "--set", word]) == 2
+    assert main([str(tmp_path / "a.png"), "-o", str(tmp_path / "out"), "--model", str(TINY), *words]) == 2
     assert capsys.readouterr().err == f"elf-detect: error: {reason}\n"
