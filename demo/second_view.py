@@ -5,6 +5,7 @@ python demo/second_view.py demo/palace.jpg out/demo/view.png
 
 from __future__ import annotations
 
+import argparse
 import sys
 
 import cv2
@@ -26,7 +27,11 @@ def second_view(image: np.ndarray) -> np.ndarray:
 
 
 def main() -> int:
-    source, target = sys.argv[1:3]
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("source", help="photograph")
+    parser.add_argument("target", help="image file of the view")
+    args = parser.parse_args()
+    source, target = args.source, args.target
     image = cv2.imread(source)
     if image is None or not cv2.imwrite(target, second_view(image)):
         print(f"second_view: error: can't read {source} or write {target}", file=sys.stderr)

@@ -1,7 +1,8 @@
 """Evaluation of keypoint detectors and descriptors: the ELF paper's protocol, and what is used today.
 
 data -> methods -> metrics -> suite -> run -> bench -> report -> command.  Each room may import those before it, and
-the modules beside this file.  There is no public Python API: use the `elf-eval` command.
+the modules beside this file.  Public in Python is what a method of your own needs, `plugin:` of
+evaluation/README.md; for all else use the `elf-eval` command.
 """
 
 from __future__ import annotations

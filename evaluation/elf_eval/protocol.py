@@ -13,6 +13,20 @@ from elf_runtime.plain import read_dataclass
 from .coordinates import Size
 from .errors import EvalError
 
+# The names of cv2's constants.
+ESTIMATORS = (
+    "RANSAC",
+    "LMEDS",
+    "RHO",
+    "USAC_DEFAULT",
+    "USAC_PARALLEL",
+    "USAC_FM_8PTS",
+    "USAC_FAST",
+    "USAC_ACCURATE",
+    "USAC_PROSAC",
+    "USAC_MAGSAC",
+)
+
 
 @dataclass(frozen=True)
 class Ransac:
@@ -21,7 +35,7 @@ class Ransac:
     Attributes
     ----------
     estimator : str
-        Name of a cv2 constant, "RANSAC", "USAC_MAGSAC" ...
+        One of `ESTIMATORS`.
     threshold : float
         Pixels.
     """
@@ -32,11 +46,13 @@ class Ransac:
     confidence: float = 0.9999
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        if self.estimator not in ESTIMATORS:
+            raise EvalError(f"protocol: estimator is one of {', '.join(ESTIMATORS)}, not {self.estimator!r}")
+
     @property
     def method(self) -> int:
-        value = getattr(cv2, self.estimator, None)
-        if not isinstance(value, int):
-            raise EvalError(f"OpenCV {cv2.__version__} has no robust estimator {self.estimator!r}")
+        value: int = getattr(cv2, self.estimator)
         return value
 
 
@@ -70,8 +86,8 @@ class Protocol:
     pose: Ransac = field(default_factory=lambda: Ransac(estimator="RANSAC", threshold=1.0, iterations=1000))
 
     def __post_init__(self) -> None:
-        if self.size is not None and (len(self.size) != 2 or min(self.size) < 1):
-            raise EvalError(f"protocol: size is (width, height), not {self.size!r}")
+        if self.size is not None and not _is_size(self.size):
+            raise _no_size(self.size)
         if self.max_keypoints < 1:
             raise EvalError(f"protocol: max_keypoints is an integer >= 1, not {self.max_keypoints!r}")
         if not isinstance(self.count_floor, int) or not 0 <= self.count_floor <= self.max_keypoints:
@@ -96,8 +112,21 @@ class Protocol:
         EvalError
             On an unknown key, or a value of another kind.
         """
-        stated = {**data, "size": None} if data.get("size") == "source" else data
         try:
-            return read_dataclass(cls, stated)
+            if isinstance(data, Mapping) and "size" in data:
+                size = None if data["size"] == "source" else data["size"]
+                if size is not None and not _is_size(size):
+                    raise _no_size(size)
+                data = {**data, "size": size}
+            return read_dataclass(cls, data)
         except ValueError as error:
             raise EvalError(f"protocol: {error}") from error
+
+
+def _is_size(value: Any) -> bool:
+    """Whether it is two integers from 1 on; true and false are none."""
+    return isinstance(value, (list, tuple)) and len(value) == 2 and all(type(n) is int and n >= 1 for n in value)
+
+
+def _no_size(value: object) -> EvalError:
+    return EvalError(f"protocol: size is [width, height] or 'source', not {value!r}")

@@ -65,7 +65,8 @@ class Spec:
         try:
             return convert(value)
         except (ValueError, TypeError) as error:
-            raise EvalError(f"{self.text}: option {name}={value}: {error}") from error
+            what = str(error) if str(error).startswith(f"{name} is ") else f"option {name}={value}: {error}"
+            raise EvalError(f"{self.text}: {what}") from error
 
     def settings(self, names: Sequence[str] = SETTINGS) -> dict[str, Any]:
         """The fields of `elf_runtime.DetectionParams`, of those named, that the options give: ``scale=0.5``, ..."""

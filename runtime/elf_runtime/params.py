@@ -78,11 +78,8 @@ class DetectionParams:
     grid: tuple[int, int] = (1, 1)
 
     def __post_init__(self) -> None:
-        for name, (expected, checked) in _RULES.items():
-            value = getattr(self, name)
-            if (found := checked(value)) is None:
-                raise SettingError(f"{name} is {expected}, not {value!r}")
-            object.__setattr__(self, name, found)
+        for name in _RULES:
+            object.__setattr__(self, name, _checked(name, getattr(self, name)))
 
     def updated(self, /, **changes: Any) -> DetectionParams:
         """A copy with the settings that are not None replaced.
@@ -93,8 +90,7 @@ class DetectionParams:
             On an unknown name or a value out of range.
         """
         for name in changes:
-            if name not in SETTINGS:
-                raise SettingError(f"unknown detection setting {name!r}; known are {sorted(SETTINGS)}")
+            _check_name(name)
         return replace(self, **{name: value for name, value in changes.items() if value is not None})
 
     def to_dict(self) -> dict[str, Any]:
@@ -105,11 +101,6 @@ class DetectionParams:
     def from_dict(cls, data: Mapping[str, Any]) -> DetectionParams:
         """Inverse of `to_dict`; an unknown key is an error."""
         return cls().updated(**data)
-
-    def to_words(self, base: DetectionParams) -> list[str]:
-        """What differs from `base`, as ``NAME=VALUE``: `parse_setting` reads it, to the last digit."""
-        own, others = vars(self), vars(base)
-        return [f"{name}={setting_text(value)}" for name, value in own.items() if value != others[name]]
 
 
 def parse_setting(text: str) -> tuple[str, Any]:
@@ -135,14 +126,29 @@ def parse_value(text: str) -> Any:
 
 
 def setting_value(name: str, text: str) -> Any:
-    """`parse_value` for the setting of that name.
+    """`parse_value` for the setting of that name, whose errors show several values as they are in the text.
 
     Raises
     ------
     SettingError
         If there is no such setting, or it can't have this value.
     """
-    return getattr(DetectionParams().updated(**{name: parse_value(text)}), name)
+    _check_name(name)
+    value = parse_value(text)
+    return _checked(name, value, text if isinstance(value, tuple) else "")
+
+
+def _check_name(name: str) -> None:
+    if name not in SETTINGS:
+        raise SettingError(f"unknown detection setting {name!r}; known are {sorted(SETTINGS)}")
+
+
+def _checked(name: str, value: Any, shown: str = "") -> Any:
+    """A setting's value as Python's own type; `shown` stands for it in the error."""
+    expected, checked = _RULES[name]
+    if (found := checked(value)) is None:
+        raise SettingError(f"{name} is {expected}, not {shown or repr(value)}")
+    return found
 
 
 def setting_text(value: Any) -> str:

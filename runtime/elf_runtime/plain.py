@@ -9,6 +9,7 @@ import json
 import types
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 T = TypeVar("T")
@@ -69,14 +70,18 @@ def read_json(text: str, largest: float) -> Any:
 def _record(kind: Any, data: Any, where: str, ignore_unknown: bool) -> Any:
     if not isinstance(data, Mapping):
         raise _wrong(where, "an object", data)
-    hints = get_type_hints(kind)
+    hints = _hints(kind)
     if not ignore_unknown and (unknown := [key for key in data if key not in hints]):
-        raise ValueError(f"{where or kind.__name__} has no {unknown[0]!r}; known are {', '.join(hints)}")
+        what = f"{where} has no {unknown[0]!r}" if where else f"unknown {unknown[0]!r}"
+        raise ValueError(f"{what}; known are {', '.join(hints)}")
     for field in fields(kind):
         if field.name not in data and field.default is MISSING and field.default_factory is MISSING:
             raise ValueError(f"{_below(where, field.name)} is missing")
     known = {key: value for key, value in data.items() if key in hints}
     return kind(**{k: _read(hints[k], v, _below(where, k), ignore_unknown) for k, v in known.items()})
+
+
+_hints = cache(get_type_hints)
 
 
 def _read(kind: Any, value: Any, where: str, ignore_unknown: bool) -> Any:
@@ -107,7 +112,7 @@ def _read(kind: Any, value: Any, where: str, ignore_unknown: bool) -> Any:
     # An integer may stand for a float; true and false are integers to Python, but no numbers here.
     if not isinstance(value, _NUMBERS.get(kind, kind)) or isinstance(value, bool) != (kind is bool):
         raise _wrong(where, _WORDS.get(kind, kind.__name__), value)
-    return value
+    return float(value) if kind is float else value
 
 
 def _union(kinds: tuple[Any, ...], value: Any, where: str, ignore_unknown: bool) -> Any:

@@ -17,8 +17,8 @@ _PAPER_BY_NETWORK: dict[str, DetectionParams] = {
     "laplacian": replace(_PAPER, denoise=(9, 9.0)),
 }
 
-# Measured with the bundled model (README.md has the figures).  The blur grows with the working scale: it spans the
-# same part of the scene.  The border keeps out what the network's zero padding makes of plain coloured ground.
+# Measured with the bundled model (figures: docs/quality.md).  The blur grows with the working scale: it spans the same
+# part of the scene.  The border keeps out what the network's zero padding makes of plain coloured ground.
 DEFAULT = DetectionParams(denoise=(5, 1.2), normalize=0.95, nms_radius=6, border=14, scale=0.45, subpixel=True)
 _OURS: dict[str, DetectionParams] = {
     "fast": replace(DEFAULT, scale=0.28, denoise=(3, 0.8), border=20, min_contrast=1.0),

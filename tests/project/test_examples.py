@@ -260,3 +260,11 @@ def test_the_page_on_pipelines_lets_photographs_share_their_camera() -> None:
     command = page.split("colmap feature_importer", 1)[1].split("colmap matches_importer")[0]
     assert "--ImageReader.single_camera 1" in command
     assert "camera_mode=pycolmap.CameraMode.SINGLE" in page.split("reconstruction.main(", 1)[1].split("```")[0]
+
+
+@pytest.mark.parametrize(("words", "status"), [(["--help"], 0), ([], 2), (["none.jpg", "view.png"], 1)])
+def test_the_demo_s_script_explains_itself(words: list[str], status: int, tmp_path: Path) -> None:
+    command = [sys.executable, str(ROOT / "demo" / "second_view.py"), *words]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ended.returncode == status
+    assert "Traceback" not in ended.stderr

@@ -53,7 +53,7 @@ def test_what_is_written_is_read_back() -> None:
         ({"parts": [], "limit": 1.5}, "^limit: expected an integer, found 1.5$"),
         ({"parts": [], "flags": [1]}, r"^flags\[0\]: expected true or false, found 1$"),
         ({"parts": [], "counts": {"x": "y" * 500}}, r"^counts\.x: expected an integer, found 'y{99}\.\.\.$"),
-        ({"parts": [], "speed": 1}, "^Whole has no 'speed'; known are parts, "),
+        ({"parts": [], "speed": 1}, "^unknown 'speed'; known are parts, "),
     ],
 )
 def test_what_does_not_fit_is_said_with_its_place(data: object, reason: str) -> None:
@@ -68,6 +68,8 @@ def test_keys_of_later_versions_can_be_left_out() -> None:
 
 def test_a_value_alone_has_no_place() -> None:
     assert read_value(float, 3) == 3
+    assert isinstance(read_value(float, 3), float)
+    assert isinstance(read_value(int | float, 3), int)
     with pytest.raises(ValueError, match=r"^expected text, found 3$"):
         read_value(str, 3)
 

@@ -58,6 +58,7 @@ def measure(suite: Suite, results: Results, timing: Timing) -> Study:
     """
     if len(results.datasets) != 1:
         raise EvalError(f"the results are of {len(results.datasets)} datasets; one picture shows one")
+    suite.check_groups({pair.scene for pair in results.pairs})
     measured = {m["name"] for m in results.methods}
     entries = [entry for entry in suite.methods if entry.name in measured]
     names = [entry.name for entry in entries]

@@ -59,7 +59,7 @@ class Study:
     def save(self, path: Path) -> None:
         points = [{**asdict(p), "on_front": p in front(self.points)} for p in self.points]
         data = {"schema": SCHEMA, "about": self.about, "points": points}
-        path.write_text(json.dumps(_rounded(data), indent=1) + "\n")
+        path.write_text(json.dumps(_rounded(data), indent=1) + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, path: Path) -> Study:
@@ -71,7 +71,7 @@ class Study:
             If the file is missing, does not hold such data, or has another schema.
         """
         try:
-            data = json.loads(path.read_text())
+            data = json.loads(path.read_text(encoding="utf-8"))
             if data["schema"] != SCHEMA:
                 raise EvalError(f"{path}: schema {data['schema']}, this version reads {SCHEMA}; measure again")
             return cls([_point(entry) for entry in data["points"]], data["about"])

@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import cv2
-
 from elf_eval.data import open_dataset
 from elf_eval.protocol import Protocol
+from elf_runtime.commands.outputs import write_picture
 
 from .options import Subcommands, image_size, protocol
 from .outputs import check_folder
@@ -29,5 +28,5 @@ def _images(args: argparse.Namespace) -> None:
     for ref in refs:
         path = (out / ref.name).with_suffix(".png")
         path.parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(path), ref.open(size).pixels)
+        write_picture(path, ref.open(size).pixels)
     print(f"{len(refs)} images in {out}")

@@ -10,6 +10,7 @@ from typing import TypeAlias
 from elf_eval.protocol import Protocol
 from elf_eval.run.cache import default_folder
 from elf_eval.run.runner import Resources
+from elf_runtime.commands.options import positive
 
 Subcommands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
@@ -60,11 +61,4 @@ def natural(text: str) -> int:
     """A whole number from 0 on."""
     if re.fullmatch("[0-9]+", text) is None:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 on")
-    return int(text)
-
-
-def positive(text: str) -> int:
-    """A whole number from 1 on."""
-    if re.fullmatch("0*[1-9][0-9]*", text) is None:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 on")
     return int(text)

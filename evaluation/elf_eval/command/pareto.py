@@ -13,9 +13,10 @@ from elf_eval.errors import EvalError
 from elf_eval.report import pareto, plots
 from elf_eval.run.results import Results
 from elf_eval.suite.suite import Suite
+from elf_runtime.commands.options import positive
 from elf_runtime.files.write import unwritable
 
-from .options import Subcommands, positive
+from .options import Subcommands
 from .outputs import check_folder
 
 
@@ -53,6 +54,6 @@ def _pareto(args: argparse.Namespace) -> None:
         pareto.draw(study, picture)
         written.append(picture)
     shown = Path(os.path.relpath(picture, page.parent)).as_posix() if picture.exists() else None
-    page.write_text(pareto.markdown(study, shown))
-    print(page.read_text())
+    page.write_text(pareto.markdown(study, shown), encoding="utf-8")
+    print(page.read_text(encoding="utf-8"))
     print(f"written: {', '.join(map(str, written))}", file=sys.stderr)

@@ -60,7 +60,7 @@ def _run_suite(suite: Suite, out: Path, args: argparse.Namespace) -> None:
     log.unlink(missing_ok=True)
     pictures = write_pictures(suite, results, out / "pictures", resources(args))
     names = write_report(results, out, suite.title, suite.note, suite.tables, args.command_line, pictures)
-    print((out / "README.md").read_text())
+    print((out / "README.md").read_text(encoding="utf-8"))
     say_written(out, [*names, *(["pictures/"] if pictures else []), "results.json"])
 
 

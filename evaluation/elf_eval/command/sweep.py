@@ -8,8 +8,9 @@ from elf_eval.protocol import Protocol
 from elf_eval.report.sweep import sweep_table
 from elf_eval.run.sweep import sweep
 from elf_eval.suite.grid import grid_methods, parse_grid
+from elf_runtime.commands.options import positive
 
-from .options import Subcommands, add_protocol, add_resources, natural, positive, protocol, resources
+from .options import Subcommands, add_protocol, add_resources, natural, protocol, resources
 
 
 def add_parser(commands: Subcommands) -> None:

@@ -70,8 +70,8 @@ def synthetic(spec: Spec) -> Dataset:
     count = spec.take("count", int, 5)
     strength = spec.take("strength", float, 0.2)
     seed = spec.take("seed", int, 0)
-    if count < 1 or not 0.0 < strength < 0.5:
-        raise EvalError(f"{spec.text}: count is at least 1, strength between 0 and 0.5")
+    if count < 1 or not 0.0 < strength < 0.5 or seed < 0:
+        raise EvalError(f"{spec.text}: count is at least 1, strength between 0 and 0.5, seed at least 0")
     pairs = []
     for i, path in enumerate(images_in(spec.folder())):
         first = ImageRef(path.name, path, exact=True)

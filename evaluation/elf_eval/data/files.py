@@ -73,7 +73,7 @@ def read_matrix(path: Path, shape: tuple[int, int]) -> Float:
         If the file is missing, or does not hold that many finite numbers.
     """
     try:
-        numbers = np.array(path.read_text().split(), np.float64)
+        numbers = np.array(path.read_text(encoding="utf-8").split(), np.float64)
     except OSError as error:
         raise EvalError(f"{path}: {error.strerror or error}") from error
     except ValueError as error:

@@ -27,7 +27,7 @@ def pair_list(spec: Spec) -> Dataset:
     listing = spec.file("pairs file")
     root = Path(spec.take("images", str, str(listing.parent))).expanduser()
     pairs = []
-    for number, line in enumerate(listing.read_text().splitlines(), start=1):
+    for number, line in enumerate(listing.read_text(encoding="utf-8").splitlines(), start=1):
         if line.strip():
             pairs.append(_pair(line.split(), root, f"{listing}:{number}"))
     if not pairs:

@@ -104,7 +104,7 @@ def camera_size(path: Path) -> Size | None:
 
 def _camera_numbers(path: Path) -> Float:
     try:
-        numbers = np.array(path.read_text().split(), np.float64)
+        numbers = np.array(path.read_text(encoding="utf-8").split(), np.float64)
     except (OSError, ValueError) as error:
         raise EvalError(f"{path}: not a .camera file: {reason(error)}") from error
     if numbers.size not in (24, 26):  # with or without the image's size

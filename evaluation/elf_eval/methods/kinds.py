@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 from elf_eval.errors import EvalError
 from elf_eval.spec import Spec
+from elf_runtime.errors import first_line
 
 from .elf import Elf
 from .gradient import Gradient
@@ -40,13 +41,13 @@ def open_method(text: str, threads: int | None = None) -> Method:
     Raises
     ------
     EvalError
-        On an unknown kind or option, a missing file, or a library that lacks the method.
+        On an unknown kind or option, a missing file, a library that lacks the method, or a plugin that fails.
     """
     spec = Spec.parse(text)
     factory = _plugin(spec) if spec.kind == "plugin" else METHODS.get(spec.kind)
     if factory is None:
         raise EvalError(f"{text}: unknown method {spec.kind!r}; known are {sorted(METHODS)} and plugin:...")
-    method = factory(spec, threads)
+    method = _made_by_plugin(factory, spec, threads) if spec.kind == "plugin" else factory(spec, threads)
     spec.finish()
     return method
 
@@ -63,6 +64,20 @@ def _plugin(spec: Spec) -> Factory:
     module, _, name = spec.argument.rpartition(".")
     try:
         factory: Factory = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise EvalError(f"{spec.text}: can't import {spec.argument!r}: {error}") from error
+    except Exception as error:  # whatever the module of somebody else raises
+        raise EvalError(f"{spec.text}: can't import {spec.argument!r}: {first_line(error)}") from error
     return factory
+
+
+def _made_by_plugin(factory: Factory, spec: Spec, threads: int | None) -> Method:
+    try:
+        method = factory(spec, threads)
+    except EvalError:
+        raise
+    except Exception as error:
+        raise EvalError(f"{spec.text}: {spec.argument} failed: {type(error).__name__}: {first_line(error)}") from error
+    if not isinstance(method, Method):
+        raise EvalError(f"{spec.text}: {spec.argument} returned no Method but {type(method).__name__}")
+    if not isinstance(getattr(method, "fingerprint", None), str):
+        raise EvalError(f"{spec.text}: the method has no fingerprint, a text that names what its features depend on")
+    return method

@@ -26,13 +26,13 @@ def wrapped(name: str, width: int, lines: int) -> str:
     """
     rows: list[str] = []
     for part in name.replace(" + ", "\n+ ").split("\n"):
-        pieces = re.sub(r"([/:?&\-_,])", "\\1\0", part)
+        breakable = re.sub(r"([/:?&\-_,])", "\\1\0", part)
         row = ""
-        for piece in re.split("\0|(?<= )", pieces):
-            if row and len(row) + len(piece.rstrip()) > width:
+        for word in re.split("\0|(?<= )", breakable):
+            if row and len(row) + len(word.rstrip()) > width:
                 rows.append(row.rstrip())
                 row = ""
-            row += piece
+            row += word
             while len(row.rstrip()) > width:
                 rows.append(row[:width])
                 row = row[width:]

@@ -20,7 +20,7 @@ def write_csv(results: Results, path: Path) -> None:
     A row has the mean over scenes, its 95 % interval, and the numbers of pairs and scenes.  The AUC as SuperGlue's
     authors compute it has no interval.
     """
-    with open(path, "w", newline="") as file:
+    with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["dataset", "counts", "method", "metric", "mean", "low", "high", "pairs", "scenes"])
         for dataset in results.datasets:

@@ -51,7 +51,7 @@ def write_report(
     if pictures:
         parts += ["## Matches", "Green: right; red: wrong; blue: keypoints without a match."]
         parts += [f"![matches]({path.relative_to(out).as_posix()})" for path in pictures]
-    (out / "README.md").write_text("\n\n".join(filter(None, parts)) + "\n")
+    (out / "README.md").write_text("\n\n".join(filter(None, parts)) + "\n", encoding="utf-8")
     return ["README.md", "tables.csv", *(["plots/"] if plotted else [])]
 
 

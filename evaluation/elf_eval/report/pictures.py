@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_eval.data import Pair, open_dataset
+from elf_eval.errors import EvalError
 from elf_eval.features import ImageFeatures
 from elf_eval.methods import open_methods
 from elf_eval.metrics.matching import descriptor_distances, mutual_nearest
@@ -44,7 +45,8 @@ def write_pictures(suite: Suite, results: Results, folder: Path, resources: Reso
             slug = "".join(c if c.isalnum() else "-" for c in f"{entry.pair}-{name}".lower())
             folder.mkdir(parents=True, exist_ok=True)
             path = folder / f"{slug}.jpg"
-            cv2.imwrite(str(path), picture, [cv2.IMWRITE_JPEG_QUALITY, 85])
+            if not cv2.imwrite(str(path), picture, [cv2.IMWRITE_JPEG_QUALITY, 85]):
+                raise EvalError(f"{path}: the picture can't be written")
             written.append(path)
     return written
 

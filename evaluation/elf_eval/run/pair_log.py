@@ -32,7 +32,7 @@ class PairLog:
                 f"elf-eval: {path}: {damaged} of {len(lines)} lines are damaged; their pairs are evaluated again",
                 file=sys.stderr,
             )
-            path.write_text("".join(map(_line, self.done.items())))
+            path.write_text("".join(map(_line, self.done.items())), encoding="utf-8")
 
     def _read(self, line: bytes) -> bool:
         try:
@@ -49,7 +49,7 @@ class PairLog:
         self.done[key] = values
         if self._path is not None:
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            with open(self._path, "a") as file:
+            with open(self._path, "a", encoding="utf-8") as file:
                 file.write(_line((key, values)))
 
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from elf_eval.errors import EvalError, reason
+from elf_eval.protocol import Protocol
 from elf_runtime.files.kind import open_regular
 from elf_runtime.files.write import write_atomically
+from elf_runtime.plain import read_dataclass
 
 SCHEMA = 1
 
@@ -26,7 +28,7 @@ class PairResult:
     method: str
     counts: str
     parameter: float | None
-    metrics: Mapping[str, float | None]
+    metrics: Mapping[str, int | float | None]
 
     @property
     def pair(self) -> str:
@@ -80,30 +82,86 @@ class Results:
         try:
             with open_regular(path) as file:
                 data = json.loads(file.read())
-            schema = data.pop("schema", None)
-            if schema != SCHEMA:
-                raise EvalError(f"{path}: results of schema {schema}, this version reads {SCHEMA}; run it again")
-            data["pairs"] = [PairResult(**pair) for pair in data["pairs"]]
-            found = cls(**data)
-            _check(found)
-            return found
         except OSError as error:
             raise EvalError(f"{path}: {reason(error)}") from error
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            raise EvalError(f"{path}: not a results file of elf-eval run") from error
+        except (ValueError, RecursionError) as error:
+            raise EvalError(f"{path}: not a results file of elf-eval run: {error}") from error
+        if isinstance(data, dict) and (schema := data.get("schema")) != SCHEMA:
+            raise EvalError(f"{path}: results of schema {schema}, this version reads {SCHEMA}; run it again")
+        try:
+            checked = _checked(data)
+        except (ValueError, EvalError) as error:
+            raise EvalError(f"{path}: not a results file of elf-eval run: {error}") from error
+        return cls(**{field.name: data[field.name] for field in fields(cls)} | {"pairs": checked.pairs})
 
     def of(self, dataset: str, method: str, counts: str) -> list[PairResult]:
         """One method's pairs on one dataset, by one way of counting."""
         return [p for p in self.pairs if (p.dataset, p.method, p.counts) == (dataset, method, counts)]
 
 
-def _check(results: Results) -> None:
-    """Raise TypeError where a part has the wrong type."""
-    objects = [results.protocol, results.versions, *results.methods, *results.datasets]
-    metrics = [value for pair in results.pairs for value in pair.metrics.values()]
-    if not (isinstance(results.methods, list) and isinstance(results.datasets, list)):
-        raise TypeError("methods and datasets are lists")
-    if not all(isinstance(part, dict) for part in objects):
-        raise TypeError("protocol, versions, methods and datasets hold objects")
-    if not all(value is None or isinstance(value, (int, float)) for value in metrics):
-        raise TypeError("metrics are numbers")
+# What reports and comparisons read of a results file; it may hold more.
+
+
+@dataclass(frozen=True)
+class _Ransac:
+    estimator: str
+    threshold: float
+    iterations: int
+    confidence: float
+    seed: int
+
+
+@dataclass(frozen=True)
+class _Protocol:
+    size: tuple[int, int] | None
+    max_keypoints: int
+    eps: float
+    counts: tuple[str, ...]
+    homography: _Ransac
+    pose: _Ransac
+    count_floor: int = 0
+
+
+@dataclass(frozen=True)
+class _Method:
+    name: str
+    paper: str | None
+
+
+@dataclass(frozen=True)
+class _Skipped:
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class _Dataset:
+    name: str
+    parameter: str | None
+    pairs: int
+    scenes: int
+    sha256: str
+
+
+@dataclass(frozen=True)
+class _File:
+    protocol: _Protocol
+    methods: list[_Method]
+    skipped: list[_Skipped]
+    datasets: list[_Dataset]
+    versions: dict[str, str]
+    created: str
+    pairs: list[PairResult]
+
+
+def _checked(data: Any) -> _File:
+    """A results file's data, with all that is read of it there and of its type.
+
+    Raises
+    ------
+    ValueError, EvalError
+        Saying what is wrong where.
+    """
+    found = read_dataclass(_File, data, ignore_unknown=True)
+    Protocol.from_dict(asdict(found.protocol))
+    return found

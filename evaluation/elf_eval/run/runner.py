@@ -60,11 +60,12 @@ def run(suite: Suite, resources: Resources, log: Path | None = None, scenes: Col
     Raises
     ------
     EvalError
-        If a dataset or method can't be opened, a picture is of a pair that its dataset does not have, or an image or
-        pair can't be evaluated.
+        If a dataset or method can't be opened, a picture is of a pair or a group of scenes that no dataset has, or an
+        image or pair can't be evaluated.
     """
     datasets = [(entry, _dataset(suite, entry)) for entry in suite.datasets]
     _check_pictures(suite, {entry.name: dataset for entry, dataset in datasets})
+    suite.check_groups({scene for _, dataset in datasets for scene in dataset.scenes()})
     if scenes is not None:
         datasets = [(entry, dataset.only(scenes)) for entry, dataset in datasets]
     methods, skipped = _usable(suite, resources)

@@ -83,8 +83,11 @@ def sweep(
     Raises
     ------
     EvalError
-        If the dataset or the methods don't give the metric; where it is the dataset, before any work.
+        If the dataset or the methods don't give the metric; where it is the dataset, before any work.  If `protocol`
+        is without each method's own counts, by which a sweep chooses.
     """
+    if "own" not in protocol.counts:
+        raise EvalError("a sweep chooses by each method's own counts: --counts own, or leave it out")
     opened = open_dataset(dataset)
     known = dict.fromkeys(name for pair in opened.pairs for name in metric_names(pair.truth))
     check_metrics([metric], known, f"a run on {dataset} has")

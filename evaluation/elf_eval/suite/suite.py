@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from elf_eval.errors import EvalError, reason
 from elf_eval.protocol import Protocol
+from elf_runtime.errors import shortened
+from elf_runtime.plain import read_value
 
 from . import variables
 from .paper import PAPER, TABLES
@@ -144,8 +146,15 @@ class Suite:
     def unexpand(self, text: str) -> str:
         """`text` with names for the variables' values, because a report should not depend on where files lie."""
         for name in self.variables:
-            text = text.replace(self.expand("${" + name + "}"), "${" + name + "}")
+            if value := self.expand("${" + name + "}"):
+                text = text.replace(value, "${" + name + "}")
         return text
+
+    def check_groups(self, scenes: Collection[str]) -> None:
+        """Refuse a group without a scene among `scenes`, those of the datasets; some of a group may be absent."""
+        for group, names in self.groups.items():
+            if not set(names) & set(scenes):
+                raise EvalError(f"[groups] {group}: none of {names} is in the datasets; there are {sorted(scenes)}")
 
     @classmethod
     def load(cls, path: Path) -> Suite:
@@ -164,32 +173,50 @@ class Suite:
             raise EvalError(f"{path}: {reason(error)}") from error
         except ValueError as error:
             raise EvalError(f"{path}: not a TOML file: {error}") from error
-        entries: dict[str, type] = {
-            "method": MethodEntry,
-            "dataset": DatasetEntry,
-            "table": TableEntry,
-            "picture": PictureEntry,
-        }
-        known = {*entries, "title", "note", "protocol", "variables", "groups"}
+        known = {*_ENTRIES, *_TEXTS, *_MAPPINGS, "protocol"}
         if unknown := set(data) - known:
             raise EvalError(f"{path}: unknown {sorted(unknown)}; known are {sorted(known)}")
         try:
-            for key, kind in entries.items():
-                data[f"{key}s"] = [_entry(kind, d, key) for d in data.pop(key, [])]
-            data["protocol"] = Protocol.from_dict(data.get("protocol", {}))
-            return cls(**data)
+            data = {"method": [], "dataset": [], **data}
+            return cls(**{f"{key}s" if key in _ENTRIES else key: _part(key, data[key]) for key in data})
         except EvalError as error:
             raise EvalError(f"{path}: {error}") from error
 
 
-def _entry(kind: type, data: Mapping[str, Any], what: str) -> Any:
-    known = [f.name for f in fields(kind)]
-    if unknown := set(data) - set(known):
-        raise EvalError(f"{what} {dict(data)}: unknown {sorted(unknown)}; known are {known}")
+# What a suite's file holds, by its names there.
+_ENTRIES = {"method": MethodEntry, "dataset": DatasetEntry, "table": TableEntry, "picture": PictureEntry}
+_TEXTS = ("title", "note")
+_MAPPINGS: dict[str, Any] = {"variables": dict[str, str], "groups": dict[str, list[str]]}
+
+
+def _part(key: str, value: Any) -> Any:
+    """What a suite has under one name of its file."""
+    if key in _ENTRIES:
+        if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
+            raise EvalError(f"{key}: a suite has [[{key}]] above each, not {_shown(value)}")
+        return [_read(_ENTRIES[key], entry, _place(key, number, entry)) for number, entry in enumerate(value, start=1)]
+    if key in _TEXTS:
+        return _read(str, value, key)
+    if not isinstance(value, dict):
+        raise EvalError(f"{key}: a suite has [{key}] above its lines, not {_shown(value)}")
+    return Protocol.from_dict(value) if key == "protocol" else _read(_MAPPINGS[key], value, f"[{key}]")
+
+
+def _place(key: str, number: int, entry: Mapping[str, Any]) -> str:
+    """Which entry it is: by its number, and its name or title where it has one."""
+    name = entry.get("name", entry.get("title"))
+    return f"[[{key}]] {number}" + (f" ({name!r})" if isinstance(name, str) else "")
+
+
+def _read(kind: Any, value: Any, place: str) -> Any:
     try:
-        return kind(**data)
-    except TypeError as error:
-        raise EvalError(f"{what} {dict(data)}: {error}") from error
+        return read_value(kind, value)
+    except ValueError as error:
+        raise EvalError(f"{place}: {error}") from error
+
+
+def _shown(value: object) -> str:
+    return shortened(repr(value), 100)
 
 
 def _unique(names: list[str], what: str) -> set[str]:

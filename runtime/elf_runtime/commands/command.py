@@ -34,9 +34,15 @@ class Terminated(BaseException):
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are JSON too, where the command line asks for JSON on standard output."""
+    """A parser whose errors are JSON too, where the command line asks for JSON on standard output.
+
+    It, and those of its subcommands, take whole names of options only.
+    """
 
     as_json = False
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**{"allow_abbrev": False, **options})
 
     def error(self, message: str) -> NoReturn:
         if self.as_json:
@@ -106,10 +112,15 @@ def run(
 
 
 def _asks_for_json(parser: Parser, words: Sequence[str]) -> bool:
-    """Whether ``--json`` is among the words and means standard output: alone where it is a switch, else with ``-``."""
+    """Whether ``--json`` means standard output: anywhere where it is a switch, else with ``-`` where it comes last."""
     if parser.get_default("json") is False:
         return "--json" in words
-    return "--json=-" in words or ("--json", "-") in pairwise(words)
+    targets = [
+        following if word == "--json" else word.removeprefix("--json=")
+        for word, following in pairwise([*words, ""])
+        if word == "--json" or word.startswith("--json=")
+    ]
+    return targets[-1:] == ["-"]
 
 
 @contextmanager

@@ -14,6 +14,7 @@ import numpy as np
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import SettingError, printable
 from elf_runtime.files.write import write_atomically
+from elf_runtime.image.file import image_errors
 from elf_runtime.pictures.render import match_picture
 from elf_runtime.results.features import Features
 from elf_runtime.results.matching import match
@@ -99,7 +100,7 @@ def _work(args: argparse.Namespace) -> int:
     if elf.contract.descriptor(args.descriptor) is None:
         raise SettingError(f"{args.model}: exported with --desc none, it can't describe, and so not match")
     pixels = [options.read_image(path, args) for path in (args.a, args.b)]
-    first, second = (elf.detect(image, **options.settings(args)) for image in pixels)
+    first, second = (_detected(elf, *image, args) for image in zip((args.a, args.b), pixels, strict=True))
     pairs = match(first, second, args.ratio)
     points = (first.keypoints[pairs[:, 0]], second.keypoints[pairs[:, 1]])
     view = fit(*points, args.ransac, args.ransac_threshold) if args.ransac else None
@@ -125,6 +126,12 @@ def _work(args: argparse.Namespace) -> int:
     if args.json:
         command.write_json(args.json, _summary(args, elf, (first, second), len(pairs), view))
     return 0
+
+
+def _detected(elf: ElfRuntime, path: str, pixels: np.ndarray, args: argparse.Namespace) -> Features:
+    """An image's features; what is wrong with it is said with its path."""
+    with image_errors(path):
+        return elf.detect(pixels, **options.settings(args))
 
 
 def _save(path: Path, pairs: np.ndarray, found: tuple[Features, Features], view: TwoView | None) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy.typing as npt
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import SettingError
 from elf_runtime.image.file import MAX_PIXELS, read
-from elf_runtime.params import SETTINGS, DetectionParams, parse_setting, parse_value
+from elf_runtime.params import SETTINGS, DetectionParams, parse_setting, parse_value, setting_text, setting_value
 from elf_runtime.presets import PRESETS
 
 from .command import UsageError
@@ -89,6 +90,8 @@ def settings(args: argparse.Namespace) -> dict[str, Any]:
     ------
     UsageError
         On a --set of an unknown name, or of one that has an option which is given too.
+    SettingError
+        On several values where others are expected.
     """
     own_options = ("max_keypoints", "threshold", "nms_radius", "border", "grid", "preset", "scale", "descriptor")
     given = {name: getattr(args, name) for name in own_options}
@@ -97,7 +100,11 @@ def settings(args: argparse.Namespace) -> dict[str, Any]:
             raise UsageError(f"--set: unknown setting {name!r}; known are {', '.join(SETTINGS)}")
         if given.get(name) is not None:
             raise UsageError(f"--set {name}: --{name.replace('_', '-')} is given too; leave one of them out")
-    return given | dict(args.set)
+    found = given | dict(args.set)
+    for name, value in found.items():
+        if name in SETTINGS and isinstance(value, tuple):
+            setting_value(name, setting_text(value))  # its error shows the text, not a tuple
+    return found
 
 
 def params(elf: ElfRuntime, args: argparse.Namespace) -> DetectionParams:
@@ -129,18 +136,17 @@ def origin(elf: ElfRuntime, args: argparse.Namespace) -> dict[str, Any]:
 
 def open_runtime(args: argparse.Namespace) -> ElfRuntime:
     """The model of the options, with detection settings checked before the first image is read."""
-    elf = ElfRuntime(args.model, providers=args.provider, threads=args.threads)
+    elf = ElfRuntime(args.model, providers=args.provider, threads=args.threads, max_pixels=args.max_pixels)
     params(elf, args)
     elf.contract.descriptor(args.descriptor)
     return elf
 
 
 def positive(text: str) -> int:
-    """An argparse type: an integer of at least 1."""
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{value} is not at least 1")
-    return value
+    """An argparse type: a whole number from 1 on."""
+    if re.fullmatch("0*[1-9][0-9]*", text) is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 on")
+    return int(text)
 
 
 def setting(text: str) -> tuple[str, Any]:
@@ -151,6 +157,9 @@ def setting(text: str) -> tuple[str, Any]:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-def grid(text: str) -> Any:
-    """An argparse type: ``4x6``, rows and columns; whether they are is checked with the other settings."""
-    return parse_value(text.replace("x", ","))
+def grid(text: str) -> tuple[int, int]:
+    """An argparse type: ``4x6``, rows and columns."""
+    match = re.fullmatch("(0*[1-9][0-9]*)x(0*[1-9][0-9]*)", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is not ROWSxCOLUMNS")
+    return int(match[1]), int(match[2])

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_runtime.contract import DescriptorSpec
-from elf_runtime.errors import ImageError
+from elf_runtime.errors import ImageError, SettingError
 from elf_runtime.model.outputs import check_descriptors
 
 Array = npt.NDArray[np.float32]
@@ -95,8 +95,12 @@ def as_points(points: Any) -> Array:
     ------
     ImageError
         On another shape, or values that are NaN or infinite.
+    SettingError
+        On a cv2.KeyPoint among others.
     """
-    if isinstance(points, Sequence) and points and hasattr(points[0], "pt"):
+    if isinstance(points, Sequence) and any(hasattr(p, "pt") for p in points):
+        if not all(hasattr(p, "pt") for p in points):
+            raise SettingError("points are all cv2.KeyPoint, or all (x, y)")
         points = [p.pt for p in points]
     try:
         array = np.asarray(points, np.float32)

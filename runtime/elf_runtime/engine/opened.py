@@ -3,82 +3,43 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import groupby, islice
 from typing import Any
 
+import cv2
+import numpy as np
 import numpy.typing as npt
 
-from elf_runtime.contract import ModelContract
+from elf_runtime.contract import DescriptorSpec, ModelContract
+from elf_runtime.detection.descriptors import Array, DescriptorMap
+from elf_runtime.detection.detect import detect, nothing_found
 from elf_runtime.detection.working_image import WorkingImage, prepare
-from elf_runtime.errors import SettingError
-from elf_runtime.image.file import MAX_PIXELS, ImageLike, check_pixels, image_errors, read
+from elf_runtime.errors import ImageError, SettingError
+from elf_runtime.image.file import ImageLike, check_pixels, image_errors, read
 from elf_runtime.model.network import Network
-from elf_runtime.model.providers import Provider
 from elf_runtime.model.session import read_model
 from elf_runtime.params import DetectionParams, is_int
 from elf_runtime.presets import preset
-from elf_runtime.results.trace import Stopwatch
+from elf_runtime.results.trace import Stopwatch, Trace
 
 
 class OpenedModel:
-    """What `ElfRuntime` is built on; its users see that class only."""
+    """What `ElfRuntime` is built on, with the work behind its methods; users see that class only."""
 
     def __init__(
         self,
-        model: str | os.PathLike[str] | bytes | None = None,
-        *,
-        providers: Provider | Sequence[Provider] | None = None,
-        threads: int | None = None,
-        spin: bool | None = None,
-        fallback: bool = False,
-        sizes: int = 2,
-        max_pixels: int | None = MAX_PIXELS,
+        model: str | os.PathLike[str] | bytes | None,
+        session_options: Mapping[str, Any],
+        sizes: int,
+        max_pixels: int | None,
     ) -> None:
-        """Open and check a model.
-
-        Parameters
-        ----------
-        model : path or bytes, optional
-            A file that ``elf-export`` or `to_ort` wrote; it is read once, here.  None is the bundled model, which works
-            offline: in int8 on ONNX Runtime's CPU provider, `fallback` to it included, in fp32 on others.
-        providers : str, (str, options) or sequence of them, optional
-            ONNX Runtime execution providers in order of preference, by short ("cuda") or full name.  None is the CPU.
-        threads : int, optional
-            Threads within an operator.  None is one per physical core.
-        spin : bool, optional
-            Let idle threads spin within a call only (None), never (False: where other processes want the cores), or
-            between calls too (True: a core each).  Never costs some 15 % of the time on two cores.
-        fallback : bool
-            Where a provider is not installed or does not start: warn and go on with the next (True), or raise.
-        sizes : int
-            For that many image sizes, the ones used last, a session of their own is kept, and a second one where images
-            come in batches too: ONNX Runtime is up to a sixth faster in fp32 when it knows the size.  Opening one takes
-            some 20 to 100 ms.  On the CPU, a size gets it at once if it is the first or `warmup` names it, any other
-            when it comes again among the last `sizes` sizes; until then its images go through one session of any size,
-            which counts as one of the `sizes`, with the same result up to float32's rounding.  0 is that one session
-            only.  A model in ORT format has one session for all.
-        max_pixels : int, optional
-            Larger images are refused, files before they are decoded (see `image.read`): the network takes some 100
-            bytes for each pixel at the default's working scale.  None is no limit.
-
-        Raises
-        ------
-        ModelError
-            The file is missing, empty or no ONNX model.
-        ContractError
-            It is an ONNX model, but not an ELF model that this version can run.
-        ProviderError
-            See `fallback`; or `providers`, `threads` or `spin` is of another kind.
-        SettingError
-            `sizes` is no integer >= 0, or `max_pixels` none >= 1.
-        """
         if not is_int(sizes) or sizes < 0:
             raise SettingError(f"sizes is an integer >= 0, not {sizes!r}")
         if max_pixels is not None and (not is_int(max_pixels) or max_pixels < 1):
             raise SettingError(f"max_pixels is None or an integer >= 1, not {max_pixels!r}")
         self._max_pixels = max_pixels
-        options = {"providers": providers, "threads": threads, "spin": spin, "fallback": fallback}
-        self._network = Network(None if model is None else read_model(model), options, int(sizes))
+        self._network = Network(None if model is None else read_model(model), session_options, int(sizes))
 
     @property
     def contract(self) -> ModelContract:
@@ -139,3 +100,62 @@ class OpenedModel:
         with watch("prepare"), image_errors(image, place):
             check_pixels(pixels.shape, self._max_pixels)
             return prepare(pixels, params, mask, self.contract, self._network.name)
+
+    def _traces(
+        self, group: Sequence[WorkingImage], params: DetectionParams, spec: DescriptorSpec | None, watch: Stopwatch
+    ) -> Iterator[Trace]:
+        """The detections of images of one working size, which go through the network together."""
+        pixels = [image.pixels for image in group if image.textured]
+        with watch("session"):
+            outputs = self._network.run(pixels, spec) if pixels else {}
+        order = iter(range(len(pixels)))
+        for image in group:
+            if image.textured:
+                i = next(order)
+                described = DescriptorMap(outputs[spec.output][i], spec, self._network.name) if spec else None
+                yield detect(image, outputs[self.contract.saliency_output][i], described, params, watch)
+            else:
+                yield nothing_found(image, spec.dim if spec else 0, params, watch)
+
+    def _batches(
+        self,
+        batch: Sequence[ImageLike],
+        masks: Iterable[npt.ArrayLike | None] | None,
+        params: DetectionParams,
+        spec: DescriptorSpec | None,
+        batch_size: int,
+    ) -> Iterator[Trace]:
+        """`_traces` of images of any sizes; neighbours of one size go through the network together."""
+        if not is_int(batch_size) or batch_size < 1:
+            raise SettingError(f"batch_size is an integer >= 1, not {batch_size!r}")
+        if isinstance(batch, (str, bytes, os.PathLike)):
+            raise SettingError(f"a batch is a list of images, not {batch!r}; give [{batch!r}]")
+        batch = list(batch)
+        all_masks = [None] * len(batch) if masks is None else list(masks)
+        if len(all_masks) != len(batch):
+            raise ImageError(f"{len(all_masks)} masks for {len(batch)} images")
+        pairs = enumerate(zip(batch, all_masks, strict=True))
+        prepared = (self._prepare(image, params, mask, f"image {i} of the batch") for i, (image, mask) in pairs)
+        for _, same_size in groupby(prepared, key=lambda working: working.scaling.working):
+            while group := list(islice(same_size, self.contract.input.batch or batch_size)):
+                yield from self._traces(group, params, spec, Stopwatch())
+
+    def _saliency(self, working: WorkingImage) -> Array:
+        """The saliency map at the size of the source image."""
+        height, width = working.scaling.source
+        if not working.textured:
+            return np.zeros((height, width), np.float32)
+        found: Array = self._network.run([working.pixels], None)[self.contract.saliency_output][0]
+        if found.shape == (height, width):
+            return found
+        return np.asarray(cv2.resize(found, (width, height), interpolation=cv2.INTER_LINEAR))
+
+    def _warm(self, size: tuple[int, int], params: DetectionParams) -> None:
+        """Open the session of (height, width) and detect on noise of this size, which is checked before it is made."""
+        if not (isinstance(size, Sequence) and len(size) == 2 and all(is_int(side) and side > 0 for side in size)):
+            raise SettingError(f"a size is (height, width) in pixels, not {size!r}")
+        check_pixels(size, self._max_pixels)
+        noise = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
+        working, spec = self._prepare(noise, params), self.contract.descriptor()
+        self._network.expect(working.scaling.working, spec)
+        list(self._traces([working], params, spec, Stopwatch()))

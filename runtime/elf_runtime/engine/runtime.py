@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import groupby, islice
+import os
+from collections.abc import Iterable, Sequence
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
-from elf_runtime.contract import DescriptorSpec
 from elf_runtime.detection.descriptors import Array, DescriptorMap, as_points
-from elf_runtime.detection.detect import detect, nothing_found
-from elf_runtime.detection.working_image import WorkingImage
-from elf_runtime.errors import ImageError, SettingError
-from elf_runtime.image.file import ImageLike
-from elf_runtime.params import DetectionParams, is_int
+from elf_runtime.errors import SettingError
+from elf_runtime.image.file import MAX_PIXELS, ImageLike
+from elf_runtime.model.providers import Provider
+from elf_runtime.params import DetectionParams
 from elf_runtime.results.features import Features
 from elf_runtime.results.trace import Stopwatch, Trace
 
@@ -28,10 +25,57 @@ class ElfRuntime(OpenedModel):
 
     An instance is safe to use from several threads at once.  Copied or pickled, for a pool of processes, it opens its
     model again.
-
     `detect` runs the whole graph; the first call of `saliency` or `describe` opens a session of that part of the graph
     alone.  A model in ORT format, or with nodes like If and Loop, can't be cut: there they run the whole graph too.
     """
+
+    def __init__(
+        self,
+        model: str | os.PathLike[str] | bytes | None = None,
+        *,
+        providers: Provider | Sequence[Provider] | None = None,
+        threads: int | None = None,
+        spin: bool | None = None,
+        fallback: bool = False,
+        sizes: int = 2,
+        max_pixels: int | None = MAX_PIXELS,
+    ) -> None:
+        """Open and check a model.
+
+        Parameters
+        ----------
+        model : path or bytes, optional
+            A file that ``elf-export`` or `to_ort` wrote; it is read once, here.  None is the bundled model: in int8 on
+            ONNX Runtime's CPU provider, `fallback` to it included, in fp32 on others.
+        providers : str, (str, options) or sequence of them, optional
+            ONNX Runtime execution providers in order of preference, by short ("cuda") or full name.  None is the CPU.
+        threads : int, optional
+            Threads within an operator.  None is one per physical core.
+        spin : bool, optional
+            Let idle threads spin within a call only (None), never (False: where other processes want the cores), or
+            between calls too (True: a core each).  Never costs some 15 % of the time on two cores.
+        fallback : bool
+            Where a provider is not installed or does not start: warn and go on with the next (True), or raise.
+        sizes : int
+            For that many image sizes, the ones used last, a session of their own is kept, and a second one where images
+            come in batches too: ONNX Runtime is up to a sixth faster in fp32 when it knows the size.  Until a size has
+            it (the first, one that `warmup` names, or one that comes again), its images go through a session of any
+            size, with the same result up to rounding.  0 is that session only; so is a model in ORT format.
+        max_pixels : int, optional
+            Larger images are refused, files before they are decoded (see `image.read`): the network takes some 100
+            bytes for each pixel at the default's working scale.  None is no limit.
+
+        Raises
+        ------
+        ModelError
+            The file is missing, empty or no ONNX model; as ContractError, no ELF model that this version can run.
+        ProviderError
+            See `fallback`; or `providers`, `threads` or `spin` is of another kind.
+        SettingError
+            `sizes` is no integer >= 0, or `max_pixels` none >= 1.
+        """
+        options = {"providers": providers, "threads": threads, "spin": spin, "fallback": fallback}
+        super().__init__(model, options, sizes, max_pixels)
 
     def detect(
         self,
@@ -129,36 +173,8 @@ class ElfRuntime(OpenedModel):
         list of Features, one per image, each the same as `detect` gives up to float32's rounding, which moves a value
         of an int8 model by a step of its 8 bits here and there
         """
-        if not is_int(batch_size) or batch_size < 1:
-            raise SettingError(f"batch_size is an integer >= 1, not {batch_size!r}")
-        batch = list(batch)
-        all_masks = [None] * len(batch) if masks is None else list(masks)
-        if len(all_masks) != len(batch):
-            raise ImageError(f"{len(all_masks)} masks for {len(batch)} images")
         params, spec = self.params(preset, **settings), self.contract.descriptor(descriptor)
-        pairs = enumerate(zip(batch, all_masks, strict=True))
-        prepared = (self._prepare(image, params, mask, f"image {i} of the batch") for i, (image, mask) in pairs)
-        found: list[Features] = []
-        for _, same_size in groupby(prepared, key=lambda working: working.scaling.working):
-            while group := list(islice(same_size, self.contract.input.batch or batch_size)):
-                found += [trace.features for trace in self._traces(group, params, spec, Stopwatch())]
-        return found
-
-    def _traces(
-        self, group: Sequence[WorkingImage], params: DetectionParams, spec: DescriptorSpec | None, watch: Stopwatch
-    ) -> Iterator[Trace]:
-        """The detections of images of one working size, which go through the network together."""
-        pixels = [image.pixels for image in group if image.textured]
-        with watch("session"):
-            outputs = self._network.run(pixels, spec) if pixels else {}
-        order = iter(range(len(pixels)))
-        for image in group:
-            if image.textured:
-                i = next(order)
-                described = DescriptorMap(outputs[spec.output][i], spec, self._network.name) if spec else None
-                yield detect(image, outputs[self.contract.saliency_output][i], described, params, watch)
-            else:
-                yield nothing_found(image, spec.dim if spec else 0, params, watch)
+        return [trace.features for trace in self._batches(batch, masks, params, spec, batch_size)]
 
     def saliency(
         self,
@@ -176,14 +192,7 @@ class ElfRuntime(OpenedModel):
         (H, W) float32
             At the size of the source image (interpolated where the working scale is not 1); zero for a flat image.
         """
-        working = self._prepare(image, self.params(preset, params=params, scale=scale))
-        height, width = working.scaling.source
-        if not working.textured:
-            return np.zeros((height, width), np.float32)
-        found: Array = self._network.run([working.pixels], None)[self.contract.saliency_output][0]
-        if found.shape == (height, width):
-            return found
-        return np.asarray(cv2.resize(found, (width, height), interpolation=cv2.INTER_LINEAR))
+        return self._saliency(self._prepare(image, self.params(preset, params=params, scale=scale)))
 
     def describe(
         self,
@@ -209,10 +218,8 @@ class ElfRuntime(OpenedModel):
 
         Raises
         ------
-        ImageError
-            On points of another shape, or NaN or infinite ones.
-        SettingError
-            If the model has no (such) descriptor, or on a scale or preset that `detect` refuses.
+        ImageError, SettingError
+            On points of another shape, or NaN or infinite ones; if the model has no (such) descriptor.
         """
         spec = self.contract.descriptor(descriptor)
         if spec is None:
@@ -237,14 +244,7 @@ class ElfRuntime(OpenedModel):
 
         Raises
         ------
-        SettingError
-            If `size` is not two positive integers, or on a scale or preset that `detect` refuses.
-        ImageError
-            If it is below the model's smallest.
+        SettingError, ImageError
+            If `size` is not two positive integers, or is below the model's smallest or above `max_pixels`.
         """
-        if not (isinstance(size, Sequence) and len(size) == 2 and all(is_int(side) and side > 0 for side in size)):
-            raise SettingError(f"a size is (height, width) in pixels, not {size!r}")
-        noise = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
-        working = self._prepare(noise, self.params(preset, params=params, scale=scale)).scaling.working
-        self._network.expect(working, self.contract.descriptor())
-        self.detect(noise, preset=preset, scale=scale, params=params)
+        self._warm(size, self.params(preset, params=params, scale=scale))

@@ -1,4 +1,4 @@
 """Pictures of what was found: saliency, keypoints and matches drawn on images.
 
-May import the engine and all below it.
+May import the results and all below them.
 """

@@ -88,3 +88,9 @@ def test_the_evaluation_needs_neither_torch_nor_onnx():
     )
     paths = ":".join(str(_ROOT / part) for part in ("runtime", "evaluation"))
     subprocess.run([sys.executable, "-c", code], env={"PYTHONPATH": paths}, check=True)
+
+
+def test_an_abbreviated_option_of_a_subcommand_is_refused(capsys):
+    with pytest.raises(SystemExit):
+        main(["report", "results.json", "--sui", "s.toml"])
+    assert "unrecognized arguments: --sui" in capsys.readouterr().err

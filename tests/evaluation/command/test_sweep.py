@@ -49,3 +49,10 @@ def test_a_seed_is_no_negative_number(capsys):
     with pytest.raises(SystemExit):
         main(["sweep", "--model", "sobel", "--dataset", "hpatches:x", "--seed=-1"])
     assert capsys.readouterr().err.endswith("argument --seed: '-1' is not a whole number from 0 on\n")
+
+
+def test_a_sweep_by_equal_counts_alone_is_refused_before_any_work(hpatches_folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("elf_eval.run.sweep.run", lambda *_, **__: pytest.fail("evaluated"))
+    where = ["--model", "sobel", "--dataset", f"hpatches:{hpatches_folder}", "--cache", str(tmp_path / "c")]
+    (line,) = error_of(["sweep", *where, "--counts", "equal"], capsys)
+    assert line == "a sweep chooses by each method's own counts: --counts own, or leave it out"

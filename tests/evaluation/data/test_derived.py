@@ -82,3 +82,8 @@ def test_every_synthetic_view_is_another(tmp_path):
     for strength in (0.0, 0.5):
         with pytest.raises(EvalError, match="strength"):
             open_dataset(f"synthetic:{tmp_path}?strength={strength}")
+
+
+def test_a_seed_is_no_negative_number(hpatches_folder):
+    with pytest.raises(EvalError, match="seed at least 0"):
+        open_dataset(f"synthetic:{hpatches_folder}?seed=-5")

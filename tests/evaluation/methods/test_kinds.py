@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import sys
+from types import SimpleNamespace
+
 import pytest
 from scenes import SIZE, check
 
 from elf_eval.errors import EvalError
 from elf_eval.methods import open_method, open_methods
+from elf_eval.methods.method import Method
 from elf_eval.methods.opencv import installed
 
 
@@ -51,3 +55,39 @@ def test_a_plugin_takes_its_options(image):
     assert method.extract(image, 2).keypoints.tolist() == [[4, 4], [SIZE[0] - 5, 4]]
     with pytest.raises(EvalError, match="unknown options"):
         open_method("plugin:corners.Corners?outset=4")
+
+
+def failing(spec, threads):
+    raise RuntimeError("no network\nmore")
+
+
+def nothing(spec, threads):
+    return None
+
+
+class Nameless(Method):
+    def __init__(self, spec, threads):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("factory", "reason"),
+    [
+        (failing, "made_by_tests.factory failed: RuntimeError: no network"),
+        (nothing, "made_by_tests.factory returned no Method but NoneType"),
+        (Nameless, "the method has no fingerprint, a text that names what its features depend on"),
+    ],
+)
+def test_a_plugin_that_fails_is_named(factory, reason, monkeypatch):
+    monkeypatch.setitem(sys.modules, "made_by_tests", SimpleNamespace(factory=factory))
+    with pytest.raises(EvalError) as failed:
+        open_method("plugin:made_by_tests.factory")
+    assert str(failed.value) == f"plugin:made_by_tests.factory: {reason}"
+
+
+def test_a_wrong_option_is_said_once():
+    with pytest.raises(EvalError) as failed:
+        open_method("sobel?denoise=4,2")
+    assert str(failed.value) == (
+        "sobel?denoise=4,2: denoise is (mu, sigma) with mu odd, 1 to 999, and sigma > 0, not 4,2"
+    )

@@ -104,3 +104,26 @@ def test_what_elf_info_can_say_of_a_foreign_model_comes_with_the_error(
     assert report["graph"]["ops"]["MaxPool"] == 1
     assert report["error"].startswith(f"{foreign}: not an ELF model")
     assert f"elf-info: error: {report['error']}" in captured.err
+
+
+@pytest.mark.parametrize(
+    ("given", "on_stdout"),
+    [
+        (["--json", "-", "--json", "f.json"], False),
+        (["--json=-", "--json=f.json"], False),
+        (["--json", "f.json", "--json=-"], True),
+    ],
+)
+def test_of_several_json_options_the_last_counts(
+    given: list[str], on_stdout: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        match.main(["a.png", "b.png", "--nonsense", *given])
+    assert (capsys.readouterr().out != "") == on_stdout
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_an_abbreviated_option_is_refused(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        COMMANDS[name].main([*words(name, folder, str(TINY)), "--js", "-"])
+    assert "unrecognized arguments: --js" in capsys.readouterr().err

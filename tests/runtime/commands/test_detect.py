@@ -20,7 +20,7 @@ from elf_runtime.commands.detect import main
 from elf_runtime.commands.inputs import image_files
 from elf_runtime.image import read
 from elf_runtime.image.file import ImageFile
-from helpers import ROOT, TINY, turned_jpeg
+from helpers import ROOT, TINY, textured, turned_jpeg
 
 MISSING = next(name for name in ort.get_all_providers() if name not in ort.get_available_providers())
 
@@ -101,7 +101,7 @@ def test_threads_and_provider_reach_the_model(monkeypatch: pytest.MonkeyPatch, t
     monkeypatch.setattr("elf_runtime.commands.options.ElfRuntime", opened)
     arguments = [str(write(tmp_path / "a.png")), "-o", str(tmp_path / "out"), "--model", "m.onnx"]
     assert main([*arguments, "--threads", "3", "--provider", "cuda"]) == 1
-    assert given == {"model": "m.onnx", "threads": 3, "providers": "cuda"}
+    assert given == {"model": "m.onnx", "threads": 3, "providers": "cuda", "max_pixels": 100_000_000}
 
 
 def test_a_mask_holds_keypoints_to_its_white_part(tmp_path: Path) -> None:
@@ -605,3 +605,33 @@ def test_an_interruption_has_the_shell_s_status(monkeypatch: pytest.MonkeyPatch,
 
     monkeypatch.setattr("elf_runtime.commands.detect.image_files", interrupted)
     assert detect("a.png", "-o", tmp_path) == 130
+
+
+def test_max_pixels_raises_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), textured(48, 64))
+    monkeypatch.setitem(ElfRuntime.__init__.__kwdefaults__, "max_pixels", 1000)  # the default
+    words = [str(tmp_path / "a.png"), "-o", str(tmp_path / "out"), "--model", str(TINY), "--no-picture"]
+    assert main([*words, "--max-pixels", "5000"]) == 0
+
+
+@pytest.mark.parametrize("text", ["ax6", "2,3", "0x3", "4x", "4x6x2"])
+def test_a_grid_that_is_none_is_refused(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["a.png", "-o", "out", "--grid", text])
+    assert capsys.readouterr().err.endswith(f"argument --grid: {text!r} is not ROWSxCOLUMNS\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["--threshold", "1,2"], "threshold is 'kapur', 'none' or a number in [0, 1], not 1,2"),
+        (["--set", "grid=4,0"], "grid is (rows, columns), integers >= 1, not 4,0"),
+        (["--set", "denoise=4,1.5"], "denoise is (mu, sigma) with mu odd, 1 to 999, and sigma > 0, not 4,1.5"),
+    ],
+)
+def test_a_setting_s_error_shows_what_was_typed(
+    words: list[str], reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), textured(48, 64))
+    assert main([str(tmp_path / "a.png"), "-o", str(tmp_path / "out"), "--model", str(TINY), *words]) == 2
+    assert capsys.readouterr().err == f"elf-detect: error: {reason}\n"

@@ -187,3 +187,18 @@ def test_a_chance_geometry_is_not_given(tmp_path: Path, capsys: pytest.CaptureFi
         with np.load(tmp_path / "m.npz") as saved:
             assert np.isnan(saved["matrix"]).all()
             assert not saved["inliers"].any()
+
+
+def test_says_which_image_is_too_small(pair: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    cv2.imwrite(str(pair[1]), np.zeros((8, 8), np.uint8))
+    assert match(*pair) == 1
+    assert f"{pair[1]}: the image has 8x8 pixels; the smallest is" in capsys.readouterr().err
+
+
+def test_max_pixels_raises_the_limit(
+    pair: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(ElfRuntime.__init__.__kwdefaults__, "max_pixels", 1000)  # the default
+    assert match(*pair, "--max-pixels", 100_000) == 0
+    assert match(*pair, "--max-pixels", 70_000) == 1
+    assert "more than the limit of 70,000" in capsys.readouterr().err

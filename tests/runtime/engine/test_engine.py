@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import shutil
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -535,3 +537,23 @@ def test_a_model_that_can_t_be_cut_runs_whole(
     np.testing.assert_allclose(whole.describe(image, points), wanted, atol=1e-5)
     np.testing.assert_allclose(whole.saliency(image), saliency, atol=1e-4)
     assert len(whole._network.sessions) == 1
+
+
+def test_users_see_one_class_only() -> None:
+    calls: list[Callable[..., object]] = [ElfRuntime, ElfRuntime(TINY).describe, ElfRuntime(TINY).saliency]
+    for call in calls:
+        with pytest.raises(TypeError, match=r"^ElfRuntime\.\w+\(\) got an unexpected keyword argument 'foo'"):
+            call(foo=1)
+    assert "max_pixels" in inspect.signature(ElfRuntime).parameters
+    assert "Open and check a model" in str(ElfRuntime.__init__.__doc__)
+
+
+def test_what_can_t_be_worked_on_is_said_before_any_work(elf: ElfRuntime, image: np.ndarray) -> None:
+    with pytest.raises(ImageError, match="the image has 1000000x1000000 pixels, more than the limit of 100,000,000"):
+        elf.warmup((10**6, 10**6))
+    with pytest.raises(SettingError, match=r"^a batch is a list of images, not 'a\.jpg'; give \['a\.jpg'\]$"):
+        elf.detect_batch("a.jpg")
+    with pytest.raises(SettingError, match=r"points are all cv2\.KeyPoint, or all \(x, y\)"):
+        elf.describe(image, [cv2.KeyPoint(1, 2, 3), (1, 2)])
+    with pytest.raises(SettingError, match=r"points are all cv2\.KeyPoint, or all \(x, y\)"):
+        elf.describe(image, [(1, 2), cv2.KeyPoint(1, 2, 3)])
