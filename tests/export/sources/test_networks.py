@@ -1,9 +1,7 @@
-"""Every named network: its architecture, its graph against autograd, its geometry, its weights."""
+"""Every named network: its architecture, its graph against autograd, its geometry, its trained weights."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -13,7 +11,7 @@ import pytest
 import torch
 
 from elf_eval.methods.gradient import gradient_saliency
-from elf_export import ExportError, WeightsError, export_network
+from elf_export import ExportError, export_network
 from elf_export.checks.pictures import preprocess
 from elf_export.checks.torch_reference import torch_saliency
 from elf_export.graph.receptive_field import receptive_fields
@@ -25,7 +23,7 @@ from elf_runtime import ElfRuntime, preset
 from elf_runtime.model.session import open_session
 from helpers import ROOT, shared, textured
 from network_row import network_rows
-from seeded import Tensors, evaluator64, seeded_weights
+from seeded import evaluator64, seeded_weights
 
 NAMES = [name for name in network_names() if name != "vgg"]  # VGG has its own tests, with real weights
 ROWS = network_rows()
@@ -135,6 +133,7 @@ def test_image_gradients_are_opencv_s(kind: str) -> None:
 
 # -- geometry ----------------------------------------------------------------------------------------------
 
+
 GEOMETRIES = [(name, *where) for name, row in ROWS.items() for where in row.geometry]
 
 
@@ -163,48 +162,6 @@ def test_stride_and_offset_are_where_a_cell_looks(name: str, layer: str, size: t
     reach = (columns[-1] - columns[0] + 1) / 2
     assert abs((columns[0] + columns[-1]) / 2 - middle) <= max(0.5, 0.06 * reach)
     assert columns[-1] - columns[0] + 1 <= field.size
-
-
-# -- two networks ------------------------------------------------------------------------------------------
-
-
-def test_another_network_describes(tmp_path: Path) -> None:
-    """Grey SuperPoint finds, colour VGG describes: the same descriptors as VGG's own file gives."""
-    network = get_network("superpoint")
-    weights = tmp_path / "seeded.npz"
-    np.savez(weights, **seeded_weights(network.tensor_shapes(["desc"])))
-    descriptors = ["vgg:relu3_2", "superpoint:desc", "vgg:pool1"]
-    both = export_network("superpoint", None, descriptors, tmp_path / "both.onnx", weights=weights, offline=True)
-    assert [d.layer for d in both.contract.descriptors] == ["vgg:relu3_2", "desc", "vgg:pool1"]
-    assert [(d.dim, d.stride, d.offset) for d in both.contract.descriptors] == [
-        (256, 4.0, 1.5), (256, 8.0, 3.5), (64, 2.0, 0.5)
-    ]  # fmt: skip
-    assert "Oxford" in both.contract.weights.source
-    assert both.contract.command.endswith("--desc vgg:relu3_2,desc,vgg:pool1")
-    alone = export_network("vgg", "pool1", ["relu3_2"], tmp_path / "vgg.onnx", offline=True)
-    image, points = textured(96, 128), np.array([[20.0, 30.0], [64.5, 70.25], [100.0, 12.0]], np.float32)
-    one = ElfRuntime(both.path).describe(image, points)
-    other = ElfRuntime(alone.path).describe(image, points)
-    np.testing.assert_allclose(one, other, atol=1e-6)
-
-    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    single = export_network("superpoint", None, [], tmp_path / "grey.onnx", weights=weights)
-    assert single.contract.input.color == "gray"
-    # The grey image of 8-bit pixels is rounded to 8 bits, the one inside the graph is not.
-    apart = np.abs(ElfRuntime(single.path).saliency(grey) - ElfRuntime(both.path).saliency(image))
-    assert apart.max() <= 0.03 * ElfRuntime(single.path).saliency(grey).max()
-
-
-def test_what_two_networks_have_in_common_is_computed_once(tmp_path: Path) -> None:
-    network = get_network("alexnet")
-    weights = tmp_path / "seeded.npz"
-    np.savez(weights, **seeded_weights(network.tensor_shapes(["pool1"])))
-    result = export_network("alexnet", "pool1", ["vgg:pool1"], tmp_path / "a.onnx", weights=weights, offline=True)
-    nodes = [node.name for node in onnx.load(result.path).graph.node]
-    assert sum("pre/" in name for name in nodes) == sum(name.startswith("pre/") for name in nodes)
-    same = export_network("vgg", "pool1", ["vgg:pool2", "pool1"], tmp_path / "b.onnx", offline=True)
-    assert [d.layer for d in same.contract.descriptors] == ["pool2", "pool1"]
-    assert not any("vgg/" in node.name for node in onnx.load(same.path).graph.node)
 
 
 # -- real weights ------------------------------------------------------------------------------------------
@@ -245,122 +202,3 @@ def test_preprocessing_of_the_training(tmp_path: Path) -> None:
     assert result.contract.command.endswith("--preprocess own")
     with pytest.raises(ExportError, match="what sobel was trained with is not known"):
         export_network("sobel", None, [], tmp_path / "b.onnx", preprocessing="own")
-
-
-# -- files -------------------------------------------------------------------------------------------------
-
-
-def keras2(tensors: Tensors) -> Tensors:
-    """As Keras 2 writes Xception's .h5: layers inside themselves, shortcuts numbered from 1."""
-    named: Tensors = {}
-    roles = {
-        "weight": "gamma",
-        "bias": "beta",
-        "running_mean": "moving_mean",
-        "running_var": "moving_variance",
-    }
-    for name, value in tensors.items():
-        layer, _, role = name.partition(".")
-        if "residual" in layer:
-            number = int(layer[5]) - 1
-            layer = f"{'batch_normalization' if layer.endswith('_bn') else 'conv2d'}_{number}"
-        if value.ndim == 1:
-            key = roles[role]
-        else:
-            key = f"{role.partition('.')[0]}_kernel" if "." in role else "kernel"
-            value = value.transpose(2, 3, 0, 1) if "depthwise" in role else value.transpose(2, 3, 1, 0)
-        named[f"{layer}/{layer}/{key}:0"] = value
-    return dict(sorted(named.items()))
-
-
-def keras3(tensors: Tensors) -> Tensors:
-    """As Keras 3 archives a frozen base: every kind numbered in the order of creation."""
-    numbered: Tensors = {}
-    counts: dict[str, list[str]] = {"conv2d": [], "separable_conv2d": [], "batch_normalization": []}
-    order = ("weight", "bias", "running_mean", "running_var")
-    for name, value in tensors.items():
-        layer, _, role = name.partition(".")
-        kind = "batch_normalization" if value.ndim == 1 else "separable_conv2d" if "sep" in layer else "conv2d"
-        if layer not in counts[kind]:
-            counts[kind].append(layer)
-        number = counts[kind].index(layer)
-        index = order.index(role) if value.ndim == 1 else int(role.startswith("pointwise"))
-        if value.ndim == 4:
-            value = value.transpose(2, 3, 0, 1) if "depthwise" in role else value.transpose(2, 3, 1, 0)
-        numbered[f"layers/base/layers/{kind}{f'_{number}' if number else ''}/vars/{index}"] = value
-    return numbered | {"optimizer/vars/2": np.zeros((2048, 100), np.float32)}
-
-
-@pytest.mark.parametrize("write", [dict, keras2, keras3])
-def test_xception_from_every_generation_of_keras(write: Callable[[Tensors], Tensors]) -> None:
-    network = get_network("xception")
-    shapes = network.tensor_shapes(network.layers)
-    tensors = seeded_weights(shapes)
-    fitted = network.fit(write(tensors), shapes)
-    assert fitted.keys() == tensors.keys()
-    assert all((fitted[name] == tensors[name]).all() for name in tensors)
-
-
-def test_lfnet_from_a_checkpoint_s_variables() -> None:
-    network = get_network("lfnet")
-    shapes = network.tensor_shapes(network.layers)
-    tensors = seeded_weights(shapes)
-    roles = {
-        "weight": "gamma",
-        "bias": "beta",
-        "running_mean": "moving_mean",
-        "running_var": "moving_variance",
-    }
-    variables: Tensors = {}
-    for name, value in tensors.items():
-        part, role = name.rsplit(".", 1)
-        scope = f"ConvOnlyResNet/{part.replace('.', '/')}"
-        if part.endswith("-bn"):
-            variables[f"{scope}/{roles[role]}"] = value
-        elif value.ndim == 4:
-            variables[f"{scope}/weights"] = value.transpose(2, 3, 1, 0)
-    fitted = network.fit(variables, shapes)
-    convs = [name for name in shapes if not name.split(".")[-2].endswith("-bn")]
-    assert all((fitted[n] == (0 if n.endswith(".bias") and n in convs else tensors[n])).all() for n in shapes)
-    with pytest.raises(WeightsError, match="lack block-2"):
-        network.fit({k: v for k, v in variables.items() if "block-2" not in k}, shapes)
-
-
-@pytest.mark.parametrize("prefix", ["", "backbone."])
-def test_state_dicts_under_a_prefix(prefix: str) -> None:
-    network = get_network("resnet18")
-    shapes = network.tensor_shapes(["layer1.1"])
-    tensors = seeded_weights(network.tensor_shapes(network.layers))
-    fitted = network.fit({prefix + name: value for name, value in tensors.items()}, shapes)
-    assert all((fitted[name] == tensors[name]).all() for name in shapes)
-
-
-def test_squeezenet_under_torchvision_s_names_takes_rgb() -> None:
-    network = get_network("squeezenet")
-    shapes = network.tensor_shapes(["fire9"])
-    tensors = seeded_weights(shapes)
-    modules = {
-        "fire2": 3,
-        "fire3": 4,
-        "fire4": 6,
-        "fire5": 7,
-        "fire6": 9,
-        "fire7": 10,
-        "fire8": 11,
-        "fire9": 12,
-    }
-    state = {}
-    for name, value in tensors.items():
-        head, _, rest = name.partition(".")
-        index = 0 if head == "conv1" else modules[head]
-        state[f"features.{index}.{rest.replace('squeeze1x1', 'squeeze')}"] = value
-    fitted = network.fit(state, shapes)
-    assert (fitted["conv1.weight"] == tensors["conv1.weight"][:, ::-1]).all()
-    assert all((fitted[n] == tensors[n]).all() for n in shapes if n != "conv1.weight")
-
-
-def test_without_pytorch_only_pytorch_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "torch", None)
-    monkeypatch.delitem(sys.modules, "elf_export.sources.networks.resnet18", raising=False)
-    with pytest.raises(ExportError, match=r"^--net resnet18 is built with PyTorch: pip install torch \(the CPU build"):
-        get_network("resnet18")

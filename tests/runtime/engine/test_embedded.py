@@ -1,4 +1,4 @@
-"""What a robot relies on: the same result with any number of threads, warm starts, and memory that stays."""
+"""What a robot relies on: the same result with any number of threads, and memory that stays bounded."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ import os
 import pickle
 import subprocess
 import sys
-import time
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,6 @@ from elf_runtime.model import bundled_model, sessions
 from helpers import ROOT, TINY, textured
 
 STATUS = Path("/proc/self/status")
-
 # 30 sizes, no two alike; the second half is the first with a pixel more, so that both need as much at a time.
 MEMORY = """
 import gc, json, sys
@@ -137,177 +135,6 @@ def test_threads_do_not_move_a_keypoint(threads: int) -> None:
     assert found.least_cosine == pytest.approx(1.0, abs=1e-5)
 
 
-def count_sessions(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, int]]:
-    """The dims of each session that is opened from here on."""
-    opened: list[dict[str, int]] = []
-    real = sessions.open_session
-
-    def spy(*args: Any, **options: Any) -> Any:
-        opened.append(dict(options.get("dims") or {}))
-        return real(*args, **options)
-
-    monkeypatch.setattr(sessions, "open_session", spy)
-    return opened
-
-
-@pytest.mark.parametrize(("scale", "working"), [(None, (54, 72)), (1.0, (120, 160)), (0.75, (90, 120))])
-def test_warmup_opens_the_session_that_detect_uses(
-    monkeypatch: pytest.MonkeyPatch, scale: float | None, working: tuple[int, int]
-) -> None:
-    elf = ElfRuntime()  # its own scale is 0.45
-    opened = count_sessions(monkeypatch)
-    elf.warmup((120, 160), scale=scale)
-    assert opened == [{"N": 1, "H": working[0], "W": working[1]}]
-    elf.detect(textured(120, 160), scale=scale)
-    assert len(opened) == 1
-    elf.warmup((120, 160), preset="fast")
-    elf.detect(textured(120, 160), preset="fast")
-    assert opened[1:] == [{"N": 1, "H": 34, "W": 45}]
-
-
-def test_the_model_is_checked_once_and_opened_once_for_a_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    opened = count_sessions(monkeypatch)
-    elf = ElfRuntime(TINY)
-    assert opened == [{}]
-    elf.detect(textured(64, 80))
-    elf.detect(textured(64, 80, seed=1))
-    assert opened == [{}, {"N": 1, "H": 64, "W": 80}]
-
-
-def test_a_batch_is_no_other_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    elf = ElfRuntime(TINY, threads=1, sizes=1)
-    images = [textured(64, 80, seed) for seed in range(5)]
-    opened = count_sessions(monkeypatch)
-    batch = elf.detect_batch(images)  # four together and one alone
-    assert opened == [{"H": 64, "W": 80}, {"N": 1, "H": 64, "W": 80}]
-    alone = [elf.detect(image) for image in images]
-    for number in (5, 3, 2):
-        elf.detect_batch(images[:number])
-    assert len(opened) == 2
-    for found, wanted in zip(batch, alone, strict=True):
-        np.testing.assert_allclose(found.keypoints, wanted.keypoints, atol=1e-3)
-    elf.warmup((48, 80))
-    assert len(elf._network.sessions) == 1
-    for _ in range(2):
-        elf.detect_batch(images[:4])
-    elf.detect_batch(images[4:])
-    assert opened[3:] == [{}, {"H": 64, "W": 80}, {"N": 1, "H": 64, "W": 80}]
-
-
-def test_images_of_ever_new_sizes_share_one_session(monkeypatch: pytest.MonkeyPatch) -> None:
-    elf = ElfRuntime(TINY, threads=1)
-    opened = count_sessions(monkeypatch)
-    for side in range(64, 70):
-        elf.detect(textured(side, 80))
-    elf.detect_batch([textured(70, 80, seed) for seed in range(2)])
-    assert opened == [{"N": 1, "H": 64, "W": 80}, {}]
-    assert len(elf._network.sessions) == 2
-
-
-def test_a_size_that_comes_again_gets_its_session(monkeypatch: pytest.MonkeyPatch) -> None:
-    elf = ElfRuntime(TINY, threads=1, sizes=2)
-    opened = count_sessions(monkeypatch)
-    a, b, c = (textured(side, 80) for side in (64, 48, 56))
-    for image in (a, b, a, b, a, b):
-        elf.detect(image)
-    assert opened == [{"N": 1, "H": 64, "W": 80}, {}, {"N": 1, "H": 48, "W": 80}]
-    assert len(elf._network.sessions) == 2  # the one of any size has gone
-    del opened[:]
-    for image in (c, a, b) * 3:  # more than are kept: none is among the last two when it comes again
-        elf.detect(image)
-    assert opened == [{}]
-
-
-def test_warmup_opens_the_session_of_a_further_size_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    elf = ElfRuntime(TINY, threads=1)
-    opened = count_sessions(monkeypatch)
-    for side in (64, 48):
-        elf.warmup((side, 80))
-    elf.detect(textured(48, 80))
-    assert opened == [{"N": 1, "H": 64, "W": 80}, {"N": 1, "H": 48, "W": 80}]
-
-
-def test_other_providers_open_one_session_a_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sessions, "is_cpu", lambda _: False)
-    elf = ElfRuntime(TINY, threads=1)
-    opened = count_sessions(monkeypatch)
-    for side in (64, 48, 64, 48):
-        elf.detect(textured(side, 80))
-    assert opened == [{"N": 1, "H": 64, "W": 80}, {"N": 1, "H": 48, "W": 80}]
-
-
-def test_the_bundled_model_gives_the_same_bits_in_the_session_of_any_size() -> None:
-    elf, image = ElfRuntime(threads=1), textured(120, 160)
-    elf.detect(textured(96, 128))
-    any_size, own = elf.trace(image), elf.trace(image)
-    assert len(elf._network.sessions) == 2
-    assert len(own.features) > 20
-    np.testing.assert_array_equal(any_size.saliency, own.saliency)
-    np.testing.assert_array_equal(any_size.features.keypoints, own.features.keypoints)
-    np.testing.assert_array_equal(any_size.features.descriptors, own.features.descriptors)
-
-
-def test_the_sizes_used_last_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    elf = ElfRuntime(TINY, threads=1, sizes=2)
-    a, b, c = (textured(side, 80) for side in (64, 48, 56))
-    opened = count_sessions(monkeypatch)
-    for image in (a, b):
-        elf.warmup(image.shape[:2])
-        elf.detect_batch([image] * 2)
-    elf.detect(a)  # now b is the one that was not used for longest
-    elf.warmup(c.shape[:2])
-    assert len(opened) == 5
-    elf.detect(a)
-    elf.detect_batch([a] * 3)
-    assert len(opened) == 5
-    elf.warmup(b.shape[:2])
-    assert len(opened) == 6
-
-
-def test_the_size_used_longest_ago_goes(monkeypatch: pytest.MonkeyPatch) -> None:
-    elf = ElfRuntime(TINY, threads=1, sizes=2)
-    a, b, c = (textured(side, 80) for side in (64, 48, 56))
-    opened = count_sessions(monkeypatch)
-    for image in (a, b, c, b, c):
-        elf.warmup(image.shape[:2])
-    assert len(opened) == 3
-    elf.warmup(a.shape[:2])
-    assert len(opened) == 4
-
-
-def test_the_session_of_any_size_goes_when_one_of_a_size_opens(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On other providers than the CPU, the session that checks the model is a whole one."""
-    monkeypatch.setattr(sessions, "is_cpu", lambda _: False)
-    elf = ElfRuntime(TINY, threads=1)
-    assert len(elf._network.sessions) == 1
-    elf.detect(textured(64, 80))
-    assert len(elf._network.sessions) == 1
-
-
-def test_a_part_of_the_graph_costs_the_whole_one_no_session(monkeypatch: pytest.MonkeyPatch) -> None:
-    elf = ElfRuntime(TINY, threads=1, sizes=1)
-    opened = count_sessions(monkeypatch)
-    elf.detect(textured(64, 80))
-    elf.saliency(textured(48, 80))
-    elf.detect(textured(64, 80))
-    assert len(opened) == 2
-
-
-def test_threads_that_want_the_same_session_open_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    elf = ElfRuntime(TINY, threads=1)
-    opened = count_sessions(monkeypatch)
-    spy = sessions.open_session
-
-    def slowly(*args: Any, **options: Any) -> Any:
-        time.sleep(0.1)
-        return spy(*args, **options)
-
-    monkeypatch.setattr(sessions, "open_session", slowly)
-    with ThreadPoolExecutor(2) as pool:
-        list(pool.map(elf.detect, [textured(64, 80)] * 2))
-    assert len(opened) == 1
-
-
 @pytest.mark.parametrize("change", ["removed", "replaced"])
 def test_the_file_is_read_once(tmp_path: Path, change: str) -> None:
     path = tmp_path / "m.onnx"
@@ -357,14 +184,6 @@ def test_a_process_pool_takes_an_instance() -> None:
         found = list(pool.map(elf.detect, images))
     for features, image in zip(found, images, strict=True):
         np.testing.assert_array_equal(features.keypoints, elf.detect(image).keypoints)
-
-
-def test_without_sizes_one_session_does_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    opened = count_sessions(monkeypatch)
-    elf = ElfRuntime(sizes=0)
-    elf.detect(textured(96, 80))
-    elf.detect(textured(80, 64))
-    assert opened == [{}]
 
 
 def test_a_graph_that_onnxruntime_refuses_is_refused_at_once() -> None:
