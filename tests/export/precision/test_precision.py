@@ -187,7 +187,7 @@ def test_calibration_folders_that_are_refused(tmp_path: Path, capsys: pytest.Cap
     base = ["--net", "vgg", "--layer", "conv1_2", "--desc", "none", "--offline", "-o", str(tmp_path / "a.onnx")]
     with pytest.raises(SystemExit):
         main([*base, "--calibration", str(tmp_path)])
-    assert "--calibration goes with --desc-dim or --precision only" in capsys.readouterr().err
+    assert "--calibration goes with --compress, --desc-dim or --precision only" in capsys.readouterr().err
     for folder, message in ((tmp_path / "nowhere", "not a folder of calibration images"), (tmp_path, "no image to")):
         assert main([*base, "--precision", "int8", "--calibration", str(folder)]) == 1
         assert message in capsys.readouterr().err
