@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from elf_eval.command.main import main
+from elf_eval.cli import main
 
 
 def error_of(arguments, capsys):

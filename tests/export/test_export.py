@@ -14,7 +14,7 @@ from onnx import numpy_helper
 from elf_export import ExportError, export_network
 from elf_export.checks.pictures import probe_images
 from elf_export.checks.torch_reference import torch_saliency
-from elf_export.command.main import main
+from elf_export.cli import main
 from elf_export.graph.sizes import Sizes
 from elf_export.saliency import build_saliency
 from elf_export.sources.forward import NETWORK_INPUT, torch_to_onnx

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from elf_export import ExportError, LayerError, VerificationError, export_network
-from elf_export.command.main import main
+from elf_export.cli import main
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elf_eval.command.main import main
+from elf_eval.cli import main
 from elf_export import export_network
 from helpers import shared
 

@@ -80,7 +80,7 @@ def foreign_models(seed: int, limit: int) -> Iterator[Job]:
 
 
 def _foreign(data: bytes, layer: str, number: int) -> None:
-    from elf_export.command.main import main as export
+    from elf_export.cli import main as export
 
     with tempfile.TemporaryDirectory() as folder:
         path, out = Path(folder, "model.onnx"), Path(folder, "elf.onnx")

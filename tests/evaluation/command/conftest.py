@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from elf_eval.command.main import main
+from elf_eval.cli import main
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from command_line import error_of, run_by_hand
 
-from elf_eval.command.main import main
+from elf_eval.cli import main
 
 
 def test_compare_two_runs_and_two_methods(hpatches_folder, tmp_path, capsys):

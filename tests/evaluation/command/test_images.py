@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from command_line import METHOD, error_of, write_suite
 
-from elf_eval.command.main import main
+from elf_eval.cli import main
 
 
 def test_images_are_written_under_the_names_that_precomputed_features_use(hpatches_folder, tmp_path, capsys):

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from command_line import error_of
 
-from elf_eval.command.main import build_parser, main
+from elf_eval.cli import build_parser, main
 from helpers import ROOT
 
 
@@ -19,7 +19,7 @@ def test_a_reader_that_has_seen_enough_ends_the_command_quietly():
     os.close(reader)
     env = dict(os.environ)
     env.pop("PYTHONUNBUFFERED", None)  # with it, nothing is left to be flushed at exit
-    command = [sys.executable, "-m", "elf_eval.command.main", "list"]
+    command = [sys.executable, "-m", "elf_eval.cli", "list"]
     ended = subprocess.run(command, env=env, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
     os.close(writer)
     assert (ended.returncode, ended.stderr) == (1, "")
@@ -34,7 +34,7 @@ def test_list_names_what_is_installed(capsys):
 
 def test_the_module_is_the_command():
     folders = ":".join(str(ROOT / name) for name in ("evaluation", "runtime"))
-    command = [sys.executable, "-m", "elf_eval.command.main", "list"]
+    command = [sys.executable, "-m", "elf_eval.cli", "list"]
     done = subprocess.run(command, env={"PYTHONPATH": folders}, capture_output=True, text=True, check=True)
     assert "datasets: hpatches" in done.stdout
 
@@ -82,7 +82,7 @@ _ROOT = Path(__file__).parents[3]
 
 def test_the_evaluation_needs_neither_torch_nor_onnx():
     code = (
-        "import sys, elf_eval.command.main, elf_eval.report.plots; "
+        "import sys, elf_eval.cli, elf_eval.report.plots; "
         "bad = {'torch', 'onnx', 'onnxscript', 'elf_export', 'matplotlib', 'h5py'} & sys.modules.keys(); "
         "assert not bad, bad"
     )

@@ -9,7 +9,7 @@ import pytest
 from command_line import METHOD, error_of, write_suite
 
 from elf_eval.bench.pareto import Study
-from elf_eval.command.main import main
+from elf_eval.cli import main
 from elf_eval.report import plots
 from elf_eval.report.pareto import markdown
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from command_line import run_by_hand
 
-from elf_eval.command.main import main
+from elf_eval.cli import main
 from elf_eval.report import plots
 from elf_eval.run.results import Results
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from command_line import error_of
 
-from elf_eval.command.main import main
+from elf_eval.cli import main
 
 
 def test_sweep_chooses_on_some_scenes_and_reports_on_others(hpatches_folder, tmp_path, capsys):

@@ -8,7 +8,7 @@ import os
 import pytest
 from command_line import METHOD, error_of, write_suite
 
-from elf_eval.command.main import main
+from elf_eval.cli import main
 from elf_eval.report import plots
 
 

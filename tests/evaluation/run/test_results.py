@@ -58,7 +58,7 @@ def test_a_protocol_that_none_is_refused(name, value, saved, capsys):
 
 def test_a_method_may_have_any_letters_whatever_the_locale(saved, tmp_path):
     saved.write_text(saved.read_text().replace("SIFT", "\u00c9LF \u2603"), encoding="utf-8")
-    words = [sys.executable, "-m", "elf_eval.command.main", "report", str(saved), "--out", str(tmp_path / "o")]
+    words = [sys.executable, "-m", "elf_eval.cli", "report", str(saved), "--out", str(tmp_path / "o")]
     ascii_only = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     ended = subprocess.run(words, env=os.environ | ascii_only, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stderr

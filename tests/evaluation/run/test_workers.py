@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from elf_eval.command.main import main
+from elf_eval.cli import main
 from elf_eval.errors import EvalError
 from elf_eval.run.workers import run_all
 
@@ -57,7 +57,7 @@ def command(hpatches_folder, tmp_path):
 def start(arguments: list[str], folder: Path) -> subprocess.Popen[str]:
     path = os.pathsep.join([str(folder), *sys.path])
     return subprocess.Popen(
-        [sys.executable, "-m", "elf_eval.command.main", *arguments],
+        [sys.executable, "-m", "elf_eval.cli", *arguments],
         env={**os.environ, "PYTHONPATH": path},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,

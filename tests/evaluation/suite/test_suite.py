@@ -7,7 +7,7 @@ import re
 import pytest
 from command_line import error_of, write_suite
 
-from elf_eval.command.main import main
+from elf_eval.cli import main
 from elf_eval.suite.suite import DatasetEntry, MethodEntry, Suite
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from command_line import METHOD, error_of, write_suite
 
-from elf_eval.command.main import main
+from elf_eval.cli import main
 
 
 def test_methods_that_can_t_be_opened_are_a_line_each(hpatches_folder, tmp_path, monkeypatch, capsys):

@@ -12,7 +12,7 @@ import pytest
 from onnx import helper
 
 from elf_export import Compression, ExportError, LayerError, Reduction, export_network, export_onnx
-from elf_export.command.main import main
+from elf_export.cli import main
 from elf_export.compression.convolutions import convolutions, named
 from elf_export.graph.graph import Graph
 from elf_export.graph.passes import factor_convs

@@ -10,7 +10,7 @@ import pytest
 
 from elf_export import ExportError, LayerError, Preprocessing, Reduction, VerificationError, build_saliency, export_onnx
 from elf_export.calibration import calibration_set
-from elf_export.command.main import main
+from elf_export.cli import main
 from elf_export.descriptors import reduce as reduce_module
 from elf_export.descriptors.projection import fit, fit_layers
 from elf_export.graph.graph import Graph

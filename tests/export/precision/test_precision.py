@@ -10,7 +10,7 @@ import onnx
 import pytest
 
 from elf_export import ExportError, export_network, export_onnx
-from elf_export.command.main import main
+from elf_export.cli import main
 from elf_export.graph.passes import opset_of
 from elf_export.sources.networks import get_network
 from elf_runtime import ElfRuntime

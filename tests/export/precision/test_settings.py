@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from elf_export import ExportError
-from elf_export.command.main import main
+from elf_export.cli import main
 from elf_export.command.options import parser, setting
 from elf_export.detection import changed, chosen
 from elf_export.request import Request

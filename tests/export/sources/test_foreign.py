@@ -20,7 +20,7 @@ from elf_export import (
     export_onnx,
     load_model,
 )
-from elf_export.command.main import main
+from elf_export.cli import main
 from elf_runtime import ElfRuntime
 from export import small_models as small
 from export.sources.saved_models import saved
@@ -85,7 +85,7 @@ def test_no_torch_is_needed(tmp_path: Path) -> None:
         "    def find_spec(self, name, *rest):\n"
         "        if name.split('.')[0] == 'torch': raise ImportError('hidden')\n"
         "sys.meta_path.insert(0, Hide())\n"
-        "from elf_export.command.main import main\n"
+        "from elf_export.cli import main\n"
         f"assert main(['--onnx', {str(path)!r}, '--list']) == 0\n"
         f"sys.exit(main(['--onnx', {str(path)!r}, '--layer', 'pool1', '--desc', 'none', '-o', 'elf.onnx']))\n"
     )

@@ -9,7 +9,7 @@ import onnx
 import pytest
 
 from elf_export import ExportError, LayerError, Reduction, export_network, export_onnx
-from elf_export.command.main import main
+from elf_export.cli import main
 from elf_export.graph.graph import Graph
 from elf_export.graph.passes import rename_values
 from elf_export.sources.networks import get_network

@@ -11,7 +11,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from elf_export import ExportError, LayerError, export_onnx
 from elf_export.checks.arithmetic import computes_in_double
-from elf_export.command.main import main
+from elf_export.cli import main
 from elf_export.graph.graph import Graph, captured
 from elf_export.graph.passes import opset_of
 from elf_export.sources.foreign.prepare import prepare

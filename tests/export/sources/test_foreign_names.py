@@ -10,7 +10,7 @@ import pytest
 from onnx import TensorProto, helper
 
 from elf_export import ExportError, LayerError, build_gradient, build_saliency, export_onnx
-from elf_export.command.main import main
+from elf_export.cli import main
 from elf_export.graph.graph import Graph
 from elf_export.graph.passes import rename_values
 from elf_export.sources.foreign.image_input import find_image_input

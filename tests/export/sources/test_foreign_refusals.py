@@ -10,7 +10,7 @@ import pytest
 from onnx import helper
 
 from elf_export import ExportError, VerificationError, build_saliency, export_network, export_onnx, load_model
-from elf_export.command.main import main
+from elf_export.cli import main
 from elf_export.command.options import parser
 from elf_export.request import Request
 from elf_export.sources.foreign.prepare import prepare

@@ -9,7 +9,7 @@ import onnx
 import pytest
 
 from elf_export import ExportError, export_onnx
-from elf_export.command.main import main
+from elf_export.cli import main
 from elf_runtime import ElfRuntime
 from export import small_models as small
 from helpers import textured

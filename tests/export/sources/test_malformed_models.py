@@ -12,7 +12,7 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from elf_export import ExportError, export_onnx, load_model
-from elf_export.command.main import main
+from elf_export.cli import main
 from elf_export.graph.graph import Graph
 from elf_export.graph.passes import fold_constants
 from export import small_models as small

@@ -85,7 +85,7 @@ def test_the_exporter_asks_for_no_more_than_it_needs(
     absent = "raise ModuleNotFoundError(\"No module named '{0}'\", name='{0}')"
     (tmp_path / "onnx.py").write_text(absent.format("onnx") if content is None else content, encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "-m", "elf_export.command.main", *options.split()],
+        [sys.executable, "-m", "elf_export.cli", *options.split()],
         capture_output=True, text=True, check=False, env=environment(tmp_path, tmp_path),
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (1, f"elf-export: error: {said}\n")

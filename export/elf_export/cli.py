@@ -10,8 +10,8 @@ from elf_export.errors import ExportError
 from elf_runtime.commands.command import run
 from elf_runtime.errors import printable
 
-from .combinations import check
-from .options import parser, request_of
+from .command.combinations import check
+from .command.options import parser, request_of
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -52,10 +52,10 @@ def _export(args: argparse.Namespace) -> None:
 def _list(args: argparse.Namespace) -> None:
     from elf_export.sources.networks import get_network, network_names
 
-    from .listing import network_table
+    from .command.listing import network_table
 
     if args.onnx is not None:
-        from .listing_onnx import model_table
+        from .command.listing_onnx import model_table
 
         print(model_table(args.onnx, args.input))
     elif args.net is not None:

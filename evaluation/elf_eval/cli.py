@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from elf_runtime.commands.command import Parser, new_parser
 from elf_runtime.commands.command import run as run_command
 
-from . import compare, images, kinds, pareto, report, run, sweep
+from .command import compare, images, kinds, pareto, report, run, sweep
 
 
 def build_parser() -> Parser:
