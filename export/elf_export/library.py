@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Literal
 
 from .compression.ranks import Compression
@@ -12,9 +12,7 @@ from .detection import Wanted, as_mapping
 from .errors import ExportError
 from .pipeline import ExportResult, export
 from .preprocessing import Preprocessing
-from .request import Request
-
-Log = Callable[[str], None]
+from .request import Log, Request
 
 
 def export_network(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,13 +26,11 @@ from .graph.passes import opset_of, require_opset
 from .graph.receptive_field import stated
 from .graph.sizes import Sizes
 from .precision.lower import lower
-from .request import Request
+from .request import Log, Request
 from .saliency import build_saliency
 from .sources import Sources, open_sources
 from .sources.foreign.guard import only_export_errors
 from .sources.sizes.finished import sizes_that_run
-
-Log = Callable[[str], None]
 
 
 @dataclass(frozen=True)

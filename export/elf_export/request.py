@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -21,6 +21,8 @@ PRECISIONS = ("fp32", "fp16", "bf16", "int8")
 LEAST_OPSET = 13  # of all but fp32: bfloat16, and one scale for each channel, are of that opset
 
 File = str | os.PathLike[str]
+Log = Callable[[str], None]
+"""Is told of each step in a line or a table."""
 
 
 @dataclass(frozen=True)

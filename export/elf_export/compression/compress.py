@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -18,6 +18,7 @@ from elf_export.contract import input_spec
 from elf_export.errors import LayerError
 from elf_export.graph.graph import Graph
 from elf_export.graph.passes import cut, factor_convs, fold_batchnorm, fold_constants
+from elf_export.request import Log
 from elf_runtime.contract import CompressionSpec
 
 from .convolutions import Convolution, Samples, convolutions, named, responses
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from elf_export.sources.source import Source, Sources
 
 Array = npt.NDArray[np.float32]
-Log = Callable[[str], None]
 
 
 def compress(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,7 @@ from elf_export.graph.passes import opset_of
 from elf_export.graph.receptive_field import receptive_fields
 from elf_export.graph.sizes import Sizes
 from elf_export.preprocessing import Preprocessing
-from elf_export.request import Request, check_precision
+from elf_export.request import Log, Request, check_precision
 from elf_runtime import DetectionParams, WeightsSpec
 
 from .describing import check_others
@@ -27,8 +27,6 @@ from .weights.load import load_weights, needs_naming
 
 if TYPE_CHECKING:
     import torch
-
-Log = Callable[[str], None]
 
 
 def named_detector(request: Request, log: Log) -> Source:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
@@ -12,6 +12,7 @@ import numpy.typing as npt
 import onnx
 
 from elf_export.checks import Check
+from elf_export.checks.projection import Maps
 from elf_export.errors import LayerError
 from elf_export.graph.image_input import ImageInput
 from elf_export.graph.receptive_field import Field
@@ -21,9 +22,6 @@ from elf_export.request import Request
 from elf_runtime import DetectionParams, WeightsSpec
 
 from .weights.load import NO_WEIGHTS
-
-Maps = Callable[[npt.NDArray[np.float32]], Mapping[str, npt.NDArray[np.floating]]]
-"""(N, H, W, C) float32 raw pixels -> layer -> (N, h, w, D)."""
 
 
 class Oracle(Protocol):

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_export.errors import WeightsError
+from elf_export.request import Log
 from elf_runtime.files.write import write_atomically
 from elf_runtime.model import bundled_model
 
@@ -23,7 +24,6 @@ from .sources import cache_dir, fetch, is_file_of, is_offline, keep, kept, scrat
 if TYPE_CHECKING:
     from elf_export.sources.networks.parts.network import Network
 
-Log = Callable[[str], None]
 Take = Callable[[Path], dict[str, npt.NDArray[np.float32]]]
 
 NO_WEIGHTS = "none needed"
