@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from elf_runtime import Features, Trace
+from elf_runtime import Features, Level, Trace
 from elf_runtime.pictures.canvas import side_by_side, strength_colors, titled
 from elf_runtime.pictures.render import (
     INLIER,
@@ -93,7 +93,8 @@ def test_a_detection_picture_has_three_equal_panels(size: tuple[int, int]) -> No
     image = rng.integers(0, 256, (*size, 3), np.uint8)
     work = (size[0] // 2, size[1] // 2)
     found = features([(5, 5), (20, 30)], size)
-    trace = Trace(found, rng.random(work, np.float32), rng.random(work, np.float32), rng.random(work) > 0.5)
+    level = Level(0.5, rng.random(work, np.float32), rng.random(work, np.float32), rng.random(work) > 0.5)
+    trace = Trace(found, (level,))
     picture = detection_picture(image, trace, "name.png")
     assert picture.dtype == np.uint8
     assert (picture.shape[1] - 12) % 3 == 0
@@ -103,7 +104,7 @@ def test_a_detection_picture_has_three_equal_panels(size: tuple[int, int]) -> No
 
 def test_a_detection_without_keypoints_has_a_picture() -> None:
     zero = np.zeros((64, 64), np.float32)
-    trace = Trace(features([], (64, 64)), zero, zero, zero > 0)
+    trace = Trace(features([], (64, 64)), (Level(1.0, zero, zero, zero > 0),))
     assert detection_picture(np.zeros((64, 64), np.uint8), trace).ndim == 3
 
 
