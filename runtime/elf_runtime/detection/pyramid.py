@@ -60,7 +60,7 @@ def merged(levels: Sequence[Candidates], radius: int, limit: int) -> tuple[Index
     order = np.lexsort((places[:, 0], places[:, 1], level, -scores))
     left = order[_unsuppressed(places[order], level[order], radius)]
     total = sum(one.scale for one in levels)
-    shares = np.array([max(1, int(limit * one.scale / total) // one.cells) for one in levels])
+    shares = np.array([max(1, round(limit * one.scale / total) // one.cells) for one in levels])
     group = np.concatenate([one.cell for one in levels]) + level * max(one.cells for one in levels)
     kept = left[filled_up(group[left], shares[level[left]], limit)]
     index = np.concatenate([np.arange(len(one.scores)) for one in levels])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -69,6 +71,13 @@ def test_rings_lie_around_their_keypoints() -> None:
         np.testing.assert_allclose(touched[near].mean(axis=0), (y, x), atol=0.25)
     assert all(np.abs(touched - p).max(axis=1).min() <= 7 for p in ((30, 40), (70, 120)))
     assert image.max() == 0  # the caller's image is left alone
+
+
+def test_rings_grow_with_sizes() -> None:
+    found = replace(features([(60, 60), (140, 60)], (120, 200)), sizes=np.array([13, 39], np.float32))
+    drawn = draw_keypoints(np.zeros((120, 200), np.uint8), found)
+    widths = [np.ptp(np.flatnonzero(drawn[60, part].any(axis=1))) for part in (slice(40, 80), slice(110, 170))]
+    assert 1.5 * widths[0] < widths[1] < 3 * widths[0]
 
 
 def test_strong_is_yellow_and_weak_is_violet() -> None:
