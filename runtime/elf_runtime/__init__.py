@@ -17,7 +17,7 @@ from .params import DetectionParams
 from .presets import PRESETS, preset
 from .results.features import Features
 from .results.matching import match
-from .results.trace import Trace
+from .results.trace import Level, Trace
 
 __version__ = "0.1.0"
 
@@ -31,6 +31,7 @@ __all__ = [
     "Features",
     "ImageError",
     "InputSpec",
+    "Level",
     "ModelContract",
     "ModelError",
     "ProviderError",
