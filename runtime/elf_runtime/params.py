@@ -30,6 +30,10 @@ class DetectionParams:
         A keypoint suppresses all weaker ones in a square window around its working pixel.  The window reaches so many
         source pixels to each side, rounded to the nearest working pixel (at least one, where above 0); sub-pixel
         places may then be up to a working pixel nearer to each other.
+    suppression : "greedy" or "maxima"
+        "greedy", the paper's: the strongest pixel is taken, its window struck out, and so on; where a window ends, the
+        slope that goes on behind it may give a further keypoint.  "maxima": of these, only pixels whose score nothing
+        in their window exceeds, so that each keypoint has a place of its own.
     border : int
         Source pixels along each edge where no keypoint is taken: x and y are at least `border`, and at most
         ``size - 1 - border``.
@@ -77,6 +81,7 @@ class DetectionParams:
     min_contrast: float = 1.5
     grid: tuple[int, int] = (1, 1)
     scales: tuple[float, ...] = ()
+    suppression: str = "greedy"
 
     def __post_init__(self) -> None:
         for name in _RULES:
@@ -198,6 +203,7 @@ _RULES: Mapping[str, tuple[str, Checked]] = {
     "min_contrast": ("a number of grey levels in [0, 255]", number(255.0)),
     "grid": ("(rows, columns), integers >= 1", grid),
     "scales": (f"'none' or up to {MOST_SCALES} different numbers in (0, 8]", scales),
+    "suppression": ("'greedy' or 'maxima'", word(("greedy", "maxima"), lambda _: None)),
 }
 SETTINGS: tuple[str, ...] = tuple(_RULES)
 """The names of all settings."""

@@ -13,6 +13,8 @@ from .metadata import read_metadata, write_metadata
 from .specs import CompressionSpec, DescriptorSpec, InputSpec, WeightsSpec
 from .tensors import disagreement
 
+_LATER = ("scales", "suppression")  # settings that older files do not state
+
 
 @dataclass(frozen=True)
 class ModelContract:
@@ -84,8 +86,9 @@ class ModelContract:
                 del spec["scale"]
         if self.compression is None:
             del values["compression"]
-        if not self.detection.scales:
-            del values["detection"]["scales"]  # likewise
+        for name in _LATER:
+            if getattr(self.detection, name) == getattr(DetectionParams, name):
+                del values["detection"][name]
         return write_metadata(values)
 
     @classmethod

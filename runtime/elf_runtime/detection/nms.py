@@ -19,6 +19,12 @@ _DENSE = 64
 _BLOCK = 1 << 16
 
 
+def window_maxima(scores: Scores, radius: int) -> npt.NDArray[np.bool_]:
+    """(H, W) bool: which scores no other exceeds in the square window of ``2 * radius + 1`` pixels around them."""
+    window = np.ones((2 * radius + 1,) * 2, np.uint8)
+    return np.asarray(scores >= cv2.dilate(scores, window))
+
+
 def greedy_nms(
     scores: Scores, mask: npt.NDArray[np.bool_], radius: int, limit: int | None = None
 ) -> tuple[npt.NDArray[np.int64], Scores]:

@@ -9,7 +9,7 @@ from elf_runtime.params import DetectionParams
 
 from .contrast import contrast_at, contrast_map
 from .grid import shared_out
-from .nms import Scores, greedy_nms
+from .nms import Scores, greedy_nms, window_maxima
 from .working_image import WorkingImage
 
 Index = npt.NDArray[np.int64]
@@ -49,7 +49,10 @@ def _suppressed(
     inside = (slice(rows, height - rows), slice(columns, width - columns))  # empty where the border is all
     spread = params.grid != (1, 1)
     limit = None if spread else params.max_keypoints
-    found, strength = greedy_nms(scores[inside], mask[inside], image.scaling.radius(params.nms_radius), limit)
+    radius = image.scaling.radius(params.nms_radius)
+    if params.suppression == "maxima":
+        mask = mask & window_maxima(scores, radius)  # what exceeds a pixel need not have passed
+    found, strength = greedy_nms(scores[inside], mask[inside], radius, limit)
     found += (columns, rows)
     if spread:
         found, strength = shared_out(found, strength, (height, width), params.grid, params.max_keypoints)

@@ -66,6 +66,10 @@ def by_the_steps(image: np.ndarray, given: Mapping[str, Any] | None = None) -> t
         passes[(outside, slice(None)) if axis == 0 else (slice(None), outside)] = False
     # 6
     radius = max(1, round(settings["nms_radius"] * scale)) if settings["nms_radius"] else 0
+    if settings.get("suppression", "greedy") == "maxima":
+        for y, x in np.argwhere(passes):
+            around = scores[max(0, y - radius) : y + radius + 1, max(0, x - radius) : x + radius + 1]
+            passes[y, x] = scores[y, x] >= around.max()
     found: list[tuple[int, int]] = []
     for index in np.argsort(-scores.ravel().astype(float), kind="stable"):
         y, x = divmod(int(index), w)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elf_runtime.detection import nms
-from elf_runtime.detection.nms import greedy_nms
+from elf_runtime.detection.nms import greedy_nms, window_maxima
 
 Array = npt.NDArray[np.number]
 
@@ -173,3 +173,15 @@ def test_nothing_in_nothing_out(limit: int | None) -> None:
     points, values = greedy_nms(np.zeros((8, 8), np.float32), np.zeros((8, 8), np.bool_), 2, limit)
     assert points.shape == (0, 2)
     assert values.shape == (0,)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.uint8])
+@pytest.mark.parametrize("radius", [0, 1, 3, 40])
+def test_window_maxima_equal_the_plain_loop(radius: int, dtype: type) -> None:
+    scores = np.random.default_rng(radius).integers(0, 9, (23, 31)).astype(dtype)
+    wanted = [
+        [scores[y, x] == scores[max(0, y - radius) : y + radius + 1, max(0, x - radius) : x + radius + 1].max()
+         for x in range(31)]
+        for y in range(23)
+    ]  # fmt: skip
+    np.testing.assert_array_equal(window_maxima(scores, radius), wanted)
