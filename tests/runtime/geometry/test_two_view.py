@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from elf_runtime import SettingError
-from elf_runtime.results.two_view import TwoView, expected_by_chance, fit
+from elf_runtime.geometry.fit import Search, fit
+from elf_runtime.geometry.two_view import TwoView, expected_by_chance
 
 HOMOGRAPHY = np.array([[0.9, 0.12, 15.0], [-0.08, 1.05, -9.0], [1e-4, -5e-5, 1.0]])
 
@@ -47,7 +48,7 @@ def test_finds_the_homography_among_wrong_matches() -> None:
 
 def test_finds_the_fundamental_matrix_among_wrong_matches() -> None:
     first, second = rigid(120, 40)
-    view = fit(first, second, "fundamental", threshold=1.0)
+    view = fit(first, second, "fundamental", Search(threshold=1.0))
     assert view.matrix is not None
     assert view.inliers[:80].all()
     assert view.inliers[80:].sum() <= 4  # a random point lies near its epipolar line now and then
@@ -89,7 +90,7 @@ def test_settings_out_of_range_are_named() -> None:
     with pytest.raises(SettingError, match="affine"):
         fit(first, second, "affine")
     with pytest.raises(SettingError, match="threshold"):
-        fit(first, second, threshold=0.0)
+        Search(threshold=0.0)
 
 
 def by_binomials(matches: int, inliers: int, kind: str, threshold: float, size: tuple[float, float]) -> float:
