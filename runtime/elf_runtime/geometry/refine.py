@@ -16,7 +16,7 @@ from elf_runtime.results.matches import Matches
 
 _GRAY = InputSpec(color="gray", channels=1)
 _SPREAD = 8.0  # pixels: sigma of the Gaussian over which brightness and contrast are evened out
-_NOISE = 4.0  # grey levels of 255: contrast far below it is not stretched
+_NOISE = 1.0  # grey levels of 255: contrast far below it is not stretched
 _ROUND_TRIP = 0.5  # pixels between a point and where it comes back to from the other image
 _MARGIN = 3  # pixels that the compared patch reaches beyond the window on each side
 _BAND = 8192  # points whose patches are compared at once; OpenCV's remap takes at most 32767 rows
@@ -77,7 +77,7 @@ def refine(
     if not (is_number(min_correlation) and -1.0 <= min_correlation <= 1.0):
         raise SettingError(f"min_correlation is a number in [-1, 1], not {min_correlation!r}")
     start, before = matches.points(a, b)
-    first, second = _evened(image_a, a, "first"), _evened(image_b, b, "second")
+    first, second = _of_one_size(_evened(image_a, a, "first"), _evened(image_b, b, "second"))
     if not len(matches):
         return before
     after, found = _followed(first, second, start, before, window)
@@ -103,6 +103,16 @@ def _evened(image: ImageLike, features: Features, which: str) -> npt.NDArray[np.
     even = (gray - mean) / np.sqrt(variance + _NOISE**2)
     # 3 standard deviations to each side.
     return np.asarray(np.rint(np.clip(127.5 + 42.5 * even, 0, 255)), np.uint8)
+
+
+def _of_one_size(*images: npt.NDArray[np.uint8]) -> list[npt.NDArray[np.uint8]]:
+    """Continued by their edges to the right and below, as OpenCV's Lucas-Kanade takes images of one size only."""
+    height, width = np.max([image.shape for image in images], axis=0)
+    missing = ((0, height - image.shape[0], 0, width - image.shape[1]) for image in images)
+    return [
+        np.asarray(cv2.copyMakeBorder(image, *sides, cv2.BORDER_REPLICATE), np.uint8)
+        for image, sides in zip(images, missing, strict=True)
+    ]
 
 
 def _followed(

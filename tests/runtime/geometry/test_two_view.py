@@ -89,20 +89,23 @@ def test_settings_out_of_range_are_named() -> None:
     first, second = planar(10, 0)
     with pytest.raises(SettingError, match="affine"):
         fit(first, second, "affine")
+    with pytest.raises(SettingError, match="needs K"):
+        fit(first, second, "essential")
     with pytest.raises(SettingError, match="threshold"):
         Search(threshold=0.0)
 
 
 def by_binomials(matches: int, inliers: int, kind: str, threshold: float, size: tuple[float, float]) -> float:
+    strip = 2 * threshold * math.hypot(*size)
     sample, solutions, within = {
-        "homography": (4, 1, math.pi * threshold**2), "fundamental": (7, 3, 2 * threshold * math.hypot(*size)),
+        "homography": (4, 1, math.pi * threshold**2), "fundamental": (7, 3, strip), "essential": (5, 10, strip),
     }[kind]  # fmt: skip
     p = within / (size[0] * size[1])
     samples = math.comb(matches, inliers) * math.comb(inliers, sample)
     return solutions * (matches - sample) * samples * p ** (inliers - sample)
 
 
-@pytest.mark.parametrize("kind", ["homography", "fundamental"])
+@pytest.mark.parametrize("kind", ["homography", "fundamental", "essential"])
 @pytest.mark.parametrize(("matches", "inliers"), [(16, 9), (83, 12), (400, 30), (400, 390)])
 def test_the_number_of_false_alarms(kind: str, matches: int, inliers: int) -> None:
     found = expected_by_chance(matches, inliers, kind, 3.0, (427, 640))
@@ -138,3 +141,9 @@ def test_a_two_view_says_what_it_is() -> None:
     view = fit(*planar(100, 40), "homography")
     assert repr(view) == f"TwoView(homography: {view.inliers.sum()} inliers of 100 matches)"
     assert repr(TwoView("fundamental", None, np.zeros(3, np.bool_))) == "TwoView(fundamental: none fitted)"
+
+
+def test_two_views_are_compared_by_identity() -> None:
+    one, two = (TwoView("homography", np.eye(3), np.ones(4, np.bool_)) for _ in range(2))
+    assert one in [one]
+    assert one != two
