@@ -75,6 +75,10 @@ class Protocol:
         Equal counts are at least this, so that one method which finds next to nothing does not decide for all.  A
         method that finds fewer keeps what it has.
     homography, pose : Ransac
+    ratio : float in (0, 1), optional
+        Lowe's test: of the mutual nearest neighbours, keep those whose distance is below `ratio` times that to the
+        second nearest in image 2.  A method's own (`Method.ratio`) goes before.  For MMA, homographies, poses and
+        epipolar distances; the paper's matching score knows none.
     """
 
     size: Size | None = (640, 480)
@@ -84,6 +88,7 @@ class Protocol:
     count_floor: int = 0
     homography: Ransac = field(default_factory=Ransac)
     pose: Ransac = field(default_factory=lambda: Ransac(estimator="RANSAC", threshold=1.0, iterations=1000))
+    ratio: float | None = None
 
     def __post_init__(self) -> None:
         if self.size is not None and not _is_size(self.size):
@@ -98,6 +103,11 @@ class Protocol:
             raise EvalError(f"protocol: eps is a positive number of pixels, not {self.eps!r}")
         if not self.counts or set(self.counts) - {"own", "equal"}:
             raise EvalError(f"protocol: counts is a list of 'own' and 'equal', not {self.counts!r}")
+        if self.ratio is not None:
+            try:
+                checked_ratio(self.ratio)
+            except ValueError as error:
+                raise EvalError(f"protocol: {error}") from error
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
@@ -121,6 +131,13 @@ class Protocol:
             return read_dataclass(cls, data)
         except ValueError as error:
             raise EvalError(f"protocol: {error}") from error
+
+
+def checked_ratio(value: float) -> float:
+    """`value`, a ratio of Lowe's test; a ValueError where it is not in (0, 1)."""
+    if not 0.0 < value < 1.0:
+        raise ValueError(f"ratio is a number in (0, 1), not {value!r}")
+    return value
 
 
 def _is_size(value: Any) -> bool:

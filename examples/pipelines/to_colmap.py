@@ -13,9 +13,12 @@ for name, features in found.items():
     target = args.out / "features" / f"{name}.txt"
     target.parent.mkdir(parents=True, exist_ok=True)
     count = len(features)
-    # COLMAP's first pixel has its centre at (0.5, 0.5).  x, y, scale 1, orientation 0, 128 unused values.
-    rows = np.column_stack([features.keypoints + 0.5, np.ones(count), np.zeros((count, 129))])
-    np.savetxt(target, rows, fmt=["%.3f"] * 2 + ["%d"] * 130, header=f"{count} 128", comments="")
+    # COLMAP's first pixel has its centre at (0.5, 0.5).  x, y, scale (1 for the smallest size), orientation in radians
+    # (0 for none), 128 unused values.
+    scale = features.sizes / features.sizes.min(initial=np.inf)
+    angle = np.radians(np.maximum(features.angles, 0))
+    rows = np.column_stack([features.keypoints + 0.5, scale, angle, np.zeros((count, 128))])
+    np.savetxt(target, rows, fmt=["%.3f"] * 4 + ["%d"] * 128, header=f"{count} 128", comments="")
 
 with open(args.out / "matches.txt", "w", encoding="utf-8") as file:
     for a, b, pairs in matches_of(found, args.ratio):

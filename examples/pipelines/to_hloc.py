@@ -23,6 +23,7 @@ with h5py.File(out / "features.h5", "w") as file:
         group = file.create_group(name)
         group["keypoints"] = features.keypoints  # hloc adds COLMAP's half pixel itself
         group["scores"] = features.scores
+        group["sizes"], group["angles"] = features.sizes, features.angles
         group["descriptors"] = features.descriptors.T  # (D, N)
         group["image_size"] = features.image_size[::-1]  # (width, height)
 

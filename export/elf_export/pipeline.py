@@ -104,7 +104,7 @@ def finished_graph(sources: Sources, images: CalibrationSet, log: Log = lambda _
     sizes = finished_sizes(model, sources, log)
     model, reductions, projected = reduce_descriptors(
         model, sources.descriptors, request.reduction, images, input_spec(sources.color, sizes),
-        sources.detector.detection.scale, sources.maps(model), log,
+        sources.detector.detection.working_scales[0], sources.maps(model), log,
     )  # fmt: skip
     return Finished(model, sizes, reductions, projected)
 

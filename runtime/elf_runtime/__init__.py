@@ -21,7 +21,7 @@ from .presets import PRESETS, preset
 from .results.features import Features
 from .results.matches import Matches
 from .results.matching import match
-from .results.trace import Trace
+from .results.trace import Level, Trace
 
 __version__ = "0.1.0"
 
@@ -35,6 +35,7 @@ __all__ = [
     "Features",
     "ImageError",
     "InputSpec",
+    "Level",
     "Matches",
     "ModelContract",
     "ModelError",

@@ -7,16 +7,12 @@ in pixels of the source image, whatever the scale; `max_keypoints` counts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from .errors import SettingError
-
-Blur = tuple[int, float]
-WIDEST_BLUR = 999  # pixels; wider ones leave nothing of an image
+from .values import MOST_SCALES, WIDEST_BLUR, Blur, Checked, blur, boolean, grid, integer, number, scales, word
 
 
 @dataclass(frozen=True)
@@ -54,6 +50,10 @@ class DetectionParams:
         The strongest that many are kept.
     scale : float
         Working scale: the image is resized by it before the network sees it (0.5 = half width and height).
+    scales : tuple of float, or "none"
+        Several working scales, at most 5, in place of `scale`: keypoints are sought at each, as if it were the only
+        one, and a keypoint suppresses weaker ones of the other scales too.  Each scale has a share of `max_keypoints`
+        in proportion to it; what it can't fill goes to the strongest left over.  "none", the empty tuple, is `scale`.
     quantize : bool
         Round the normalised saliency to 8 bits before the blurs, as the paper does.
     normalize : float
@@ -76,13 +76,19 @@ class DetectionParams:
     mask_border: str | int = "auto"
     min_contrast: float = 1.5
     grid: tuple[int, int] = (1, 1)
+    scales: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         for name in _RULES:
             object.__setattr__(self, name, _checked(name, getattr(self, name)))
 
+    @property
+    def working_scales(self) -> tuple[float, ...]:
+        """The working scales in use, the finest first."""
+        return self.scales[::-1] or (self.scale,)
+
     def updated(self, /, **changes: Any) -> DetectionParams:
-        """A copy with the settings that are not None replaced.
+        """A copy with the settings that are not None replaced; a new `scale` without `scales` is the only one.
 
         Raises
         ------
@@ -91,7 +97,10 @@ class DetectionParams:
         """
         for name in changes:
             _check_name(name)
-        return replace(self, **{name: value for name, value in changes.items() if value is not None})
+        given = {name: value for name, value in changes.items() if value is not None}
+        if "scale" in given:
+            given.setdefault("scales", ())
+        return replace(self, **given)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
@@ -154,7 +163,7 @@ def _checked(name: str, value: Any, shown: str = "") -> Any:
 def setting_text(value: Any) -> str:
     """A setting's value as `parse_setting` reads it."""
     if isinstance(value, tuple):
-        return ",".join(map(setting_text, value))
+        return ",".join(map(setting_text, value)) or "none"
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
@@ -169,74 +178,26 @@ def _parse_part(text: str) -> Any:
     return text
 
 
-def is_int(value: object) -> bool:
-    """Whether it is an integer, of Python or of numpy, and not a bool."""
-    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-
-
-def is_number(value: object) -> bool:
-    """Whether it is an integer as `is_int` says, or a float, of Python or of numpy."""
-    return is_int(value) or isinstance(value, (float, np.floating))
-
-
-Checked = Callable[[Any], Any]
-"""Gives a value as Python's own type, or None where a setting can't have it."""
-
-
-def _integer(value: Any) -> int | None:
-    return int(value) if is_int(value) and value >= 0 else None
-
-
-def _number(most: float, above: float = -1.0) -> Checked:
-    """Numbers from 0 to `most`, above `above`."""
-    return lambda value: float(value) if is_number(value) and 0.0 <= value <= most and value > above else None
-
-
-def _word(words: Sequence[str], other: Checked) -> Checked:
-    """One of the words, or what `other` takes."""
-    return lambda value: (str(value) if value in words else None) if isinstance(value, str) else other(value)
-
-
-def _boolean(value: Any) -> bool | None:
-    return value if isinstance(value, bool) else None
-
-
-def _is_pair(value: Any) -> bool:
-    return isinstance(value, (tuple, list)) and len(value) == 2
-
-
-def _blur(value: Any) -> Blur | None:
-    if not (_is_pair(value) and is_int(value[0]) and is_number(value[1])):
-        return None
-    mu, sigma = int(value[0]), float(value[1])
-    return (mu, sigma) if 1 <= mu <= WIDEST_BLUR and mu % 2 == 1 and 0.0 < sigma < float("inf") else None
-
-
-def _grid(value: Any) -> tuple[int, int] | None:
-    if not (_is_pair(value) and all(is_int(count) and count >= 1 for count in value)):
-        return None
-    return int(value[0]), int(value[1])
-
-
-_BLUR = (f"(mu, sigma) with mu odd, 1 to {WIDEST_BLUR}, and sigma > 0", _blur)
-_COUNT = ("an integer >= 0", _integer)
-_FLAG = ("True or False", _boolean)
+_BLUR = (f"(mu, sigma) with mu odd, 1 to {WIDEST_BLUR}, and sigma > 0", blur)
+_COUNT = ("an integer >= 0", integer)
+_FLAG = ("True or False", boolean)
 
 # Setting -> what it is, in words, and the check that says so.
 _RULES: Mapping[str, tuple[str, Checked]] = {
     "denoise": _BLUR,
     "threshold_blur": _BLUR,
-    "threshold": ("'kapur', 'none' or a number in [0, 1]", _word(("kapur", "none"), _number(1.0))),
+    "threshold": ("'kapur', 'none' or a number in [0, 1]", word(("kapur", "none"), number(1.0))),
     "nms_radius": _COUNT,
     "border": _COUNT,
     "max_keypoints": _COUNT,
-    "scale": ("a number in (0, 8]", _number(8.0, above=0.0)),
+    "scale": ("a number in (0, 8]", number(8.0, above=0.0)),
     "quantize": _FLAG,
-    "normalize": ("a quantile in (0, 1]", _number(1.0, above=0.0)),
+    "normalize": ("a quantile in (0, 1]", number(1.0, above=0.0)),
     "subpixel": _FLAG,
-    "mask_border": ("'auto' or an integer >= 0", _word(("auto",), _integer)),
-    "min_contrast": ("a number of grey levels in [0, 255]", _number(255.0)),
-    "grid": ("(rows, columns), integers >= 1", _grid),
+    "mask_border": ("'auto' or an integer >= 0", word(("auto",), integer)),
+    "min_contrast": ("a number of grey levels in [0, 255]", number(255.0)),
+    "grid": ("(rows, columns), integers >= 1", grid),
+    "scales": (f"'none' or up to {MOST_SCALES} different numbers in (0, 8]", scales),
 }
 SETTINGS: tuple[str, ...] = tuple(_RULES)
 """The names of all settings."""

@@ -24,6 +24,7 @@ _OURS: dict[str, DetectionParams] = {
     "fast": replace(DEFAULT, scale=0.28, denoise=(3, 0.8), border=20, min_contrast=1.0),
     "default": DEFAULT,
     "accurate": replace(DEFAULT, scale=0.75, denoise=(7, 1.8), border=12),
+    "multiscale": replace(DEFAULT, scales=(0.225, 0.45, 0.9), denoise=(3, 0.8)),
 }
 
 PRESETS: tuple[str, ...] = (*_OURS, "paper", "paper-webcam", "paper-robust", "paper-components")
@@ -33,7 +34,7 @@ def preset(name: str, network: str = "vgg") -> DetectionParams:
     """The named settings.
 
     ``fast``, ``default`` and ``accurate`` are this project's, for its bundled model, at working scales of 0.28, 0.45
-    and 0.75: a larger one places keypoints better.
+    and 0.75: a larger one places keypoints better.  ``multiscale`` detects at 0.225, 0.45 and 0.9.
 
     The others are the paper's for `network`, at full resolution, with its 8-bit saliency: ``paper`` is the generic
     setting (HPatches), ``paper-webcam`` the one of the Webcam runs, ``paper-robust`` that of the rotation, scale and

@@ -26,6 +26,9 @@ def results(pairs, paper_row=None, parameter=None, **protocol):
 POSED = {"matches": 9, "pose_error": 3.0, "pose_inliers": 7, **{f"pose_auc@{t}": auc(3.0, t) for t in (5, 10, 20)}}
 
 
+LINED = {"epi_right@1": 6, "epi_right@3": 8, "epi@1": 0.6, "epi@3": 0.8, "epi_median": 0.25}
+
+
 PLACED = {"rep": 0.5, "ms": 0.25, **{f"mma@{t}": 0.3 for t in range(1, 11)}}
 
 

@@ -118,6 +118,8 @@ def test_hloc_s_files_hold_the_keypoints_and_the_matches(
         for name, features in zip(("a.jpg", "sub/b.jpg"), (a, b), strict=True):
             np.testing.assert_array_equal(file[name]["keypoints"], features.keypoints)
             np.testing.assert_array_equal(file[name]["scores"], features.scores)
+            np.testing.assert_array_equal(file[name]["sizes"], features.sizes)
+            np.testing.assert_array_equal(file[name]["angles"], features.angles)
             np.testing.assert_array_equal(file[name]["descriptors"], features.descriptors.T)
             assert file[name]["image_size"][:].tolist() == [160, 120]
     with h5py.File(tmp_path / "out" / "matches.h5", "r") as file:

@@ -22,6 +22,7 @@ VALUES = {
     "mask_border": [0, 7],
     "min_contrast": [0.0, 255.0],
     "grid": [(4, 6)],
+    "scales": [(0.9,), (0.225, 0.45, 0.9), (1 / 3, 1, 1.5, 2, 8)],
 }
 
 
@@ -56,9 +57,33 @@ def test_a_preset_comes_back(name: str, network: str) -> None:
     assert read(words(wanted, base), base) == wanted
 
 
+def test_scales_in_any_order_and_form_are_the_same() -> None:
+    params = DetectionParams(scales=[0.9, 1, 0.45])  # type: ignore[arg-type]
+    assert params.scales == (0.45, 0.9, 1.0)
+    assert params.working_scales == (1.0, 0.9, 0.45)
+    assert DetectionParams(scale=0.3).working_scales == (0.3,)
+    assert setting_value("scales", "0.9") == (0.9,)
+    assert params.updated(scales="none") == params.updated(scales=()) == DetectionParams()
+
+
+def test_a_new_scale_is_the_only_one() -> None:
+    several = DetectionParams(scale=0.45, scales=(0.3, 0.6))
+    assert several.working_scales == (0.6, 0.3)
+    assert several.updated(scale=0.5) == DetectionParams(scale=0.5)
+    assert several.updated(scale=0.5, scales=(0.7,)).working_scales == (0.7,)
+    assert several.updated(border=3).scales == (0.3, 0.6)
+
+
 @pytest.mark.parametrize(
     ("name", "text", "reason"),
     [
+        ("scales", "9", r"scales is 'none' or up to 5 different numbers in \(0, 8\], not 9"),
+        ("scales", "0,0.5", "scales is 'none' or up to 5 different numbers .* not 0,0.5$"),
+        ("scales", "0.5,0.5", "different numbers .* not 0.5,0.5$"),
+        ("scales", "1,2,3,4,5,6", "up to 5 .* not 1,2,3,4,5,6$"),
+        ("scales", "0.5,none", "not 0.5,none$"),
+        ("scales", "all", "not 'all'$"),
+        ("scales", "true", "not True$"),
         ("speed", "3", "unknown detection setting 'speed'"),
         ("scale", "fast", r"scale is a number in \(0, 8\], not 'fast'"),
         ("denoise", "5", r"denoise is \(mu, sigma\) with mu odd"),

@@ -11,7 +11,9 @@ from pathlib import Path
 from elf_eval.coordinates import Size
 from elf_eval.data.images import ImageRef
 from elf_eval.errors import EvalError
-from elf_eval.run.averages import having, keypoints, scene_means, summarize
+from elf_eval.metrics.epipolar import EPIPOLAR_ERROR
+from elf_eval.metrics.families import is_share
+from elf_eval.run.averages import having, keypoints, median_error, metrics_in, scene_means, summarize
 from elf_eval.run.results import PairResult, Results
 from elf_eval.suite.suite import MethodEntry, Suite
 from elf_runtime.timing.environment import environment
@@ -21,7 +23,6 @@ from elf_runtime.timing.statistics import median_interval, paired_ratio
 from .method_process import MethodProcess
 from .pareto import Point, Study
 
-METRICS = ("rep", "ms", "mma@3", "h_auc@1", "h_auc@3", "h_auc@5")
 _VERSIONS = ("cpu", "usable_cores", "threads", "python", "onnxruntime", "numpy", "opencv")
 
 
@@ -62,6 +63,7 @@ def measure(suite: Suite, results: Results, timing: Timing) -> Study:
     measured = {m["name"] for m in results.methods}
     entries = [entry for entry in suite.methods if entry.name in measured]
     names = [entry.name for entry in entries]
+    metrics = [metric for metric in metrics_in(results.pairs) if is_share(metric)]
     if timing.reference not in names:
         raise EvalError(f"no method {timing.reference!r} in the suite and the results; there are {sorted(measured)}")
     dataset = results.datasets[0]["name"]
@@ -73,7 +75,7 @@ def measure(suite: Suite, results: Results, timing: Timing) -> Study:
     starts = [partial(_start, suite, entry, photo, size, limit, timing.threads) for entry in entries]
     seconds = dict(zip(names, _times(starts, timing.repeats, timing.warmup), strict=True))
     points = [
-        _point(entry, pairs[entry.name], seconds[entry.name], seconds[timing.reference], suite.groups)
+        _point(entry, pairs[entry.name], metrics, seconds[entry.name], seconds[timing.reference], suite.groups)
         for entry in entries
     ]
     about = {
@@ -84,6 +86,7 @@ def measure(suite: Suite, results: Results, timing: Timing) -> Study:
         "image": timing.image.name,
         "width": width,
         "height": height,
+        "ratios": {m["name"]: m["ratio"] for m in results.methods if m["name"] in names and m.get("ratio")},
         "reference": timing.reference,
         "repeats": timing.repeats,
         "warmup": timing.warmup,
@@ -104,11 +107,13 @@ def _evaluated(results: Results, dataset: str, method: str) -> list[PairResult]:
 def _point(
     entry: MethodEntry,
     pairs: Sequence[PairResult],
+    metrics: Sequence[str],
     seconds: Sequence[float],
     reference: Sequence[float],
     groups: Mapping[str, Sequence[str]],
 ) -> Point:
-    estimates = {metric: summarize(pairs, metric) for metric in METRICS}
+    estimates = {metric: summarize(pairs, metric) for metric in metrics}
+    quality = {metric: None if e is None else e.mean for metric, e in estimates.items()}
     scores = scene_means(pairs, "ms")
     return Point(
         entry.name,
@@ -116,7 +121,8 @@ def _point(
         median_interval([1e3 * s for s in seconds]),
         paired_ratio(seconds, reference),
         keypoints(pairs),
-        {metric: None if e is None else e.mean for metric, e in estimates.items()},
+        quality,
+        median_error(pairs, EPIPOLAR_ERROR),
         {group: _mean(scores, scenes) for group, scenes in groups.items()},
     )
 

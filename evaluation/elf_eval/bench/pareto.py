@@ -1,4 +1,4 @@
-"""Time against matching score: a point for each method, the front, and the file that keeps them."""
+"""Time against quality: a point for each method, the front, and the file that keeps them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from elf_eval.errors import EvalError, reason
-from elf_eval.run.averages import Keypoints
+from elf_eval.run.averages import Keypoints, Median
 from elf_runtime.timing.statistics import Interval
 
 SCHEMA = 1
@@ -30,7 +30,9 @@ class Point:
     keypoints : Keypoints
         Over the images of the dataset.
     quality : dict
-        Metric -> mean over scenes, in [0, 1]; None where it needs descriptors and the method has none.
+        Share -> mean over scenes, in [0, 1]; None where it needs descriptors and the method has none.
+    epipolar : Median, optional
+        Of the epipolar distances, in pixels; None where the cameras are not known.
     groups : dict
         Group of scenes -> matching score on them.
     """
@@ -41,12 +43,8 @@ class Point:
     ratio: Interval
     keypoints: Keypoints
     quality: Mapping[str, float | None]
+    epipolar: Median | None
     groups: Mapping[str, float | None]
-
-    @property
-    def score(self) -> float | None:
-        """The matching score."""
-        return self.quality["ms"]
 
 
 @dataclass(frozen=True)
@@ -57,9 +55,15 @@ class Study:
     about: dict[str, Any]
 
     def save(self, path: Path) -> None:
-        points = [{**asdict(p), "on_front": p in front(self.points)} for p in self.points]
+        fronts = {metric: front(self.points, metric) for metric in self.metrics()}
+        on = {p.name: [metric for metric in fronts if p in fronts[metric]] for p in self.points}
+        points = [{**asdict(p), "on_front": on[p.name]} for p in self.points]
         data = {"schema": SCHEMA, "about": self.about, "points": points}
         path.write_text(json.dumps(_rounded(data), indent=1) + "\n", encoding="utf-8")
+
+    def metrics(self) -> list[str]:
+        """The shares that some point has."""
+        return list(dict.fromkeys(name for p in self.points for name, value in p.quality.items() if value is not None))
 
     @classmethod
     def load(cls, path: Path) -> Study:
@@ -81,20 +85,23 @@ class Study:
             raise EvalError(f"{path}: not the data of elf-eval pareto: {error}") from error
 
 
-def front(points: Sequence[Point]) -> list[Point]:
-    """The points that no other one beats in both time and matching score, the fastest first."""
+def front(points: Sequence[Point], metric: str) -> list[Point]:
+    """The points that no other one beats in both time and a share, the fastest first."""
     kept: list[Point] = []
-    order = [(p.milliseconds.value, -p.score, p) for p in points if p.score is not None]
-    for _, score, point in sorted(order, key=lambda item: item[:2]):
-        if not kept or -score > (kept[-1].score or 0.0):
+    best = -1.0
+    order = [(p.milliseconds.value, -score, p) for p in points if (score := p.quality.get(metric)) is not None]
+    for _, loss, point in sorted(order, key=lambda item: item[:2]):
+        if -loss > best:
             kept.append(point)
+            best = -loss
     return kept
 
 
 def _point(entry: Mapping[str, Any]) -> Point:
     made = {"milliseconds": Interval, "ratio": Interval, "keypoints": Keypoints}
     plain = {key: entry[key] for key in ("name", "family", "quality", "groups")}
-    return Point(**plain, **{key: make(**entry[key]) for key, make in made.items()})
+    epipolar = Median(**entry["epipolar"]) if entry.get("epipolar") else None
+    return Point(**plain, epipolar=epipolar, **{key: make(**entry[key]) for key, make in made.items()})
 
 
 def _rounded(data: Any) -> Any:

@@ -23,13 +23,17 @@ def add_protocol(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--eps", type=float, help="pixels (5)")
     group.add_argument("--counts", type=lambda text: text.split(","), help="own, equal or own,equal")
     group.add_argument(
+        "--ratio", type=float, help="of Lowe's test for the matches (none); a method's own, sift?ratio=0.8, goes before"
+    )
+    group.add_argument(
         "--count-floor", type=natural, help="equal counts are at least this; a method with fewer keeps what it has (0)"
     )
 
 
 def protocol(args: argparse.Namespace, base: Protocol) -> Protocol:
     """`base`, changed by the options that were given."""
-    changes = {name: getattr(args, name, None) for name in ("size", "max_keypoints", "eps", "counts", "count_floor")}
+    names = ("size", "max_keypoints", "eps", "counts", "count_floor", "ratio")
+    changes = {name: getattr(args, name, None) for name in names}
     return Protocol.from_dict({**vars(base), **{k: v for k, v in changes.items() if v is not None}})
 
 

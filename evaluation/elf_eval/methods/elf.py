@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import cv2
 import onnxruntime
 
 from elf_eval.data.images import Image
@@ -19,7 +20,7 @@ from .method import Method
 # What leads from pixels to features, for the fingerprint; commands, pictures and checks don't.
 CODE = (
     *("elf_eval.methods.elf", "elf_eval.features", "elf_runtime.contract", "elf_runtime.params", "elf_runtime.presets"),
-    *("elf_runtime.image", "elf_runtime.model", "elf_runtime.engine", "elf_runtime.detection"),
+    *("elf_runtime.values", "elf_runtime.image", "elf_runtime.model", "elf_runtime.engine", "elf_runtime.detection"),
     *("elf_runtime.results.features", "elf_runtime.results.trace"),
 )
 
@@ -43,7 +44,7 @@ class Elf(Method):
             self._runtime.contract.descriptor(self._descriptor)
         except (ElfError, SettingError) as error:
             raise EvalError(f"{spec.text}: {error}") from error
-        self._nms_radius = params.nms_radius
+        self._params = params
         self.fingerprint = json.dumps(
             ["elf", file_digest(path), self._descriptor, params.to_dict(), code_digest(*CODE), onnxruntime.__version__],
             sort_keys=True,
@@ -52,12 +53,14 @@ class Elf(Method):
     def extract(self, image: Image, limit: int) -> LocalFeatures:
         changes = {**self._settings, "max_keypoints": min(limit, self._settings.get("max_keypoints", limit))}
         found = self._runtime.detect(image.pixels, preset=self._preset, descriptor=self._descriptor, **changes)
-        return LocalFeatures.build(found.keypoints, found.scores, found.descriptors, sizes=2.0 * self._nms_radius + 1.0)
+        return LocalFeatures.build(found.keypoints, found.scores, found.descriptors, found.sizes, found.angles)
 
     def describe(self, image: Image, features: LocalFeatures) -> LocalFeatures:
-        scale = self._runtime.params(self._preset, **self._settings).scale
+        # With their sizes, by which they find their scale where there are several.
+        sized = zip(features.keypoints.tolist(), features.sizes.tolist(), strict=True)
+        points = [cv2.KeyPoint(x, y, size) for (x, y), size in sized]
         return features.described(
-            self._runtime.describe(image.pixels, features.keypoints, descriptor=self._descriptor, scale=scale)
+            self._runtime.describe(image.pixels, points, descriptor=self._descriptor, params=self._params)
         )
 
 

@@ -22,6 +22,7 @@ from .method import Method
 
 CODE = (
     *("elf_eval.methods.gradient", "elf_eval.features", "elf_runtime.params", "elf_runtime.presets"),
+    "elf_runtime.values",
     *("elf_runtime.detection.nms", "elf_runtime.detection.threshold"),
 )
 
@@ -59,7 +60,7 @@ class Gradient(Method):
             self._params = preset(name, spec.kind).updated(**spec.settings(SETTINGS))
         except SettingError as error:
             raise EvalError(f"{spec.text}: {error}") from error
-        if self._params.scale != 1.0:
+        if self._params.working_scales != (1.0,):
             raise EvalError(f"{spec.text}: an image gradient works at full resolution, not at scale")
         self.fingerprint = json.dumps(
             [spec.kind, self._kernel, self._params.to_dict(), code_digest(*CODE), cv2.__version__], sort_keys=True

@@ -7,11 +7,13 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from elf_eval.errors import EvalError
+from elf_eval.protocol import checked_ratio
 from elf_eval.spec import Spec
 from elf_runtime.errors import first_line
 
 from .elf import Elf
 from .gradient import Gradient
+from .lightglue import EXTRACTORS, LightGlueExtractor
 from .method import Composed, Method
 from .opencv import OPENCV, OpenCv
 from .precomputed import Precomputed
@@ -27,6 +29,7 @@ METHODS: Mapping[str, Factory] = MappingProxyType(
         "npz": Precomputed,
         "h5": Precomputed,
         "xfeat": XFeat,
+        **dict.fromkeys(EXTRACTORS, LightGlueExtractor),
         **dict.fromkeys(OPENCV, OpenCv),
     }
 )
@@ -36,7 +39,8 @@ def open_method(text: str, threads: int | None = None) -> Method:
     """The method that a text such as ``elf:vgg.onnx?preset=paper`` names.
 
     ``plugin:package.module.factory?...`` calls ``factory(spec, threads)`` of a module that can be imported.  The
-    factory takes its options from the spec (`Spec.take`) and returns a `Method`.
+    factory takes its options from the spec (`Spec.take`) and returns a `Method`.  Every kind has the option
+    ``ratio=0.8``, of the method's matches (`Method.ratio`).
 
     Raises
     ------
@@ -44,12 +48,19 @@ def open_method(text: str, threads: int | None = None) -> Method:
         On an unknown kind or option, a missing file, a library that lacks the method, or a plugin that fails.
     """
     spec = Spec.parse(text)
+    ratio = spec.take("ratio", _ratio, None)
     factory = _plugin(spec) if spec.kind == "plugin" else METHODS.get(spec.kind)
     if factory is None:
         raise EvalError(f"{text}: unknown method {spec.kind!r}; known are {sorted(METHODS)} and plugin:...")
     method = _made_by_plugin(factory, spec, threads) if spec.kind == "plugin" else factory(spec, threads)
     spec.finish()
+    if ratio is not None:
+        method.ratio = ratio
     return method
+
+
+def _ratio(text: str) -> float:
+    return checked_ratio(float(text))
 
 
 def open_methods(detector: str, descriptor: str | None = None, threads: int | None = None) -> Method:

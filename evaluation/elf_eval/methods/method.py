@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from elf_eval.data.images import Image
 from elf_eval.errors import EvalError
 from elf_eval.features import LocalFeatures
+from elf_eval.protocol import Protocol
 
 
 class Method:
@@ -16,10 +19,18 @@ class Method:
         Names all that the features depend on: settings, digests of files and code, versions.  The cache's key.
     cacheable : bool
         False where looking the features up costs no more than the cache would.
+    ratio : float in (0, 1), optional
+        Of Lowe's test for the method's matches, ``ratio=0.8`` in its text; the protocol's where None.  Features don't
+        depend on it, so it is no part of the fingerprint.
     """
 
     fingerprint: str
     cacheable: bool = True
+    ratio: float | None = None
+
+    def protocol(self, shared: Protocol) -> Protocol:
+        """The protocol with this method's ratio where it has one of its own."""
+        return shared if self.ratio is None else replace(shared, ratio=self.ratio)
 
     def extract(self, image: Image, limit: int) -> LocalFeatures:
         """At most `limit` keypoints, the strongest, with descriptors where the method has its own.
@@ -45,12 +56,13 @@ class Method:
 
 
 class Composed(Method):
-    """One method's keypoints with another's descriptors."""
+    """One method's keypoints with another's descriptors, and with its ratio where it has one."""
 
     def __init__(self, detector: Method, descriptor: Method) -> None:
         self.detector, self.descriptor = detector, descriptor
         self.fingerprint = f"{detector.fingerprint} | {descriptor.fingerprint}"
         self.cacheable = detector.cacheable and descriptor.cacheable
+        self.ratio = detector.ratio if descriptor.ratio is None else descriptor.ratio
 
     def extract(self, image: Image, limit: int) -> LocalFeatures:
         return self.describe(image, self.detector.extract(image, limit))

@@ -28,17 +28,18 @@ OPENCV: dict[str, tuple[str, str]] = {
     "mser": ("MSER", ""),
     "fast": ("FastFeatureDetector", ""),
     "gftt": ("GFTTDetector", "maxCorners"),
-    "aliked": ("ALIKED", ""),
-    "disk": ("DISK", "maxKeypoints"),
+    "cv2-aliked": ("ALIKED", ""),
+    "cv2-disk": ("DISK", "maxKeypoints"),
 }
-_NETWORKS = ("aliked", "disk")
+_NETWORKS = ("cv2-aliked", "cv2-disk")
 _DETECTORS = ("mser", "fast", "gftt")
 
 
 class OpenCv(Method):
-    """``sift``, ``orb``, ``mser``, ``aliked:MODEL.onnx`` ...; options are OpenCV's own arguments.
+    """``sift``, ``orb``, ``mser``, ``cv2-aliked:MODEL.onnx`` ...; options are OpenCV's own arguments.
 
-    Grey images for all but the networks.  Numbers are converted (``contrastThreshold=0.01``).
+    Grey images for all but the networks.  Numbers are converted (``contrastThreshold=0.01``), and so are sizes: a
+    network resizes the image to ALIKED's ``inputSize=640,640`` or DISK's ``imageSize=1024,1024``.
     """
 
     def __init__(self, spec: Spec, threads: int | None) -> None:
@@ -65,6 +66,8 @@ class OpenCv(Method):
             if self._count:
                 arguments.setdefault(self._count, limit)
             try:
+                if self._kind == "cv2-aliked":
+                    arguments = {"params": _aliked_params(arguments)}
                 self._made[limit] = self._factory(*self._positional, **arguments)
             except (cv2.error, TypeError) as error:
                 reason = str(error).strip().splitlines()[-1]
@@ -129,11 +132,22 @@ def _find(name: str) -> Any:
 
 def _factory(name: str, kind: str) -> Any:
     if not installed(kind):
+        where = "OpenCV 5 has it" if kind in _NETWORKS else "opencv-contrib-python-headless may have it"
         raise EvalError(
             f"{kind}: this OpenCV build ({cv2.__version__}) has no {name}; "
-            "opencv-contrib-python-headless may have it, or read the features from disk (npz:, h5:)"
+            f"{where}, or read the features from disk (npz:, h5:)"
         )
     return _find(name)
+
+
+def _aliked_params(arguments: dict[str, Any]) -> Any:
+    """OpenCV's ALIKED takes an object with its arguments; a TypeError on one that it does not have."""
+    params = cv2.ALIKED.Params()
+    for name, value in arguments.items():
+        if not hasattr(params, name):
+            raise TypeError(f"{name} is none of {[n for n in dir(params) if not n.startswith('_')]}")
+        setattr(params, name, value)
+    return params
 
 
 def _no_descriptors(engine: Any) -> Any:

@@ -28,7 +28,8 @@ class Precomputed(Method):
     """``npz:FOLDER`` or ``h5:FILE``.
 
     Options: ``frame=source`` (keypoints in pixels of the file, the default) or ``frame=working`` (in pixels of the
-    resized image), and for npz ``suffix=.npz``.  A file without scores lists its strongest keypoints first.
+    resized image), and for npz ``suffix=.npz``.  A file without scores lists its strongest keypoints first; sizes and
+    angles are read under these names, as `elf_runtime.Features` saves them.
     """
 
     cacheable = False
@@ -48,14 +49,17 @@ class Precomputed(Method):
         if "keypoints" not in data:
             raise EvalError(f"{where}: no keypoints in it; there are {sorted(data)}")
         points = np.asarray(data["keypoints"], np.float64).reshape(len(data["keypoints"]), -1)[:, :2]
+        sizes, angles = data.get("sizes", 12.0), data.get("angles", -1.0)
         if self._frame == "source":
             points = warp(image.to_working, points)
+            if "sizes" in data:
+                sizes = sizes * np.sqrt(abs(np.linalg.det(image.to_working[:2, :2])))
         scores = data.get("scores", -np.arange(len(points), dtype=np.float32))
         descriptors = data.get("descriptors")
         if descriptors is not None and self._is_h5:
             descriptors = descriptors.T
         try:
-            return LocalFeatures.build(points, scores, descriptors).first(limit)
+            return LocalFeatures.build(points, scores, descriptors, sizes, angles).first(limit)
         except (EvalError, ValueError) as error:
             raise EvalError(f"{where}: {error}") from error
 

@@ -7,13 +7,14 @@ from collections.abc import Collection
 from elf_eval.data.truth import Truth
 from elf_eval.errors import EvalError
 
+from .epipolar import EPIPOLAR
 from .homography import HOMOGRAPHY
 from .keypoint_counts import KEYPOINT_COUNTS
 from .matching_accuracy import MATCHES, MATCHING_ACCURACY
 from .pose import POSE
 from .repeatability import REPEATABILITY
 
-FAMILIES = (KEYPOINT_COUNTS, REPEATABILITY, MATCHES, MATCHING_ACCURACY, HOMOGRAPHY, POSE)
+FAMILIES = (KEYPOINT_COUNTS, REPEATABILITY, MATCHES, MATCHING_ACCURACY, HOMOGRAPHY, POSE, EPIPOLAR)
 
 SHARES = frozenset(name for family in FAMILIES for name in family.shares)
 ERRORS = frozenset(family.error for family in FAMILIES if family.error)
@@ -34,7 +35,7 @@ def check_metrics(asked: Collection[str], known: Collection[str], who: str) -> N
         Also for an error, which has no value where nothing was found: its mean would reward failure.
     """
     if errors := [name for name in asked if name in ERRORS]:
-        raise EvalError(f"{errors[0]} can't be averaged, failures have none; take h_auc@... or pose_auc@...")
+        raise EvalError(f"{errors[0]} can't be averaged, failures have none; take h_auc@..., pose_auc@... or epi@...")
     if unknown := [repr(name) for name in asked if name not in known]:
         raise EvalError(f"unknown metric {', '.join(unknown)}; {who} {', '.join(known)}")
 

@@ -43,8 +43,8 @@ class FeaturePair:
 
     @cached_property
     def matches(self) -> Pairs:
-        """(K, 2): mutual nearest neighbours of all keypoints."""
-        return mutual_nearest(self.descriptor_distance)
+        """(K, 2): mutual nearest neighbours of all keypoints, which pass the protocol's ratio test if it has one."""
+        return mutual_nearest(self.descriptor_distance, self.protocol.ratio)
 
     @cached_property
     def matched_points(self) -> tuple[Float, Float]:
@@ -67,7 +67,8 @@ class MetricFamily:
     counts, shares : names
         The metrics; of a share, in [0, 1], more is better.
     error : str, optional
-        A further one, None where nothing was found.  It is never averaged: its mean would reward failure.
+        A further one, None where nothing was found.  It is never averaged: its mean would reward failure.  Reports
+        take areas under its recall curve, or its median over pairs (`run.averages.median_error`).
     truth : str, optional
         What must be known between the images, as in `Truth.known`.
     descriptors : bool

@@ -32,11 +32,22 @@ def descriptor_distances(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> Float:
     return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
 
 
-def mutual_nearest(distance: Float) -> Pairs:
-    """(K, 2) int64: rows and columns that are each other's nearest, by row; ties to the lower index."""
+def mutual_nearest(distance: Float, ratio: float | None = None) -> Pairs:
+    """(K, 2) int64: rows and columns that are each other's nearest, by row; ties to the lower index.
+
+    Parameters
+    ----------
+    distance : (N, M)
+    ratio : float in (0, 1), optional
+        Lowe's test, as in `elf_runtime.match`: keep a pair only where its distance is below `ratio` times the second
+        smallest of its row.  A single column passes.
+    """
     if distance.size == 0:
         return np.zeros((0, 2), np.int64)
     to_column, to_row = distance.argmin(axis=1), distance.argmin(axis=0)
     rows = np.arange(distance.shape[0])
     keep = to_row[to_column] == rows
+    if ratio is not None and distance.shape[1] > 1:
+        nearest = np.partition(distance, 1, axis=1)
+        keep &= nearest[:, 0] < ratio * nearest[:, 1]
     return np.stack([rows[keep], to_column[keep]], axis=1)

@@ -29,7 +29,7 @@ def pair_metrics(first: ImageFeatures, second: ImageFeatures, truth: Truth, prot
     n1, n2                keypoints of each image
     seen1, seen2          those that the other image sees
     rep, ms               repeatability and matching score, in [0, 1]
-    matches               mutual nearest neighbours of all keypoints
+    matches               mutual nearest neighbours of all keypoints, after the ratio test if there is one
     mma@1 ... mma@10      share of the matches within so many pixels
     h_error               mean corner error in pixels; None where no homography was found
     h_auc@1, @3, @5       area under the recall curve of the corner error up to so many pixels
@@ -37,6 +37,9 @@ def pair_metrics(first: ImageFeatures, second: ImageFeatures, truth: Truth, prot
     pose_error            degrees; None where no pose was found
     pose_auc@5, @10, @20  area under the recall curve of the pose error up to so many degrees
     pose_inliers          of the matches
+    epi_right@1, @3       matches within so many pixels of the true epipolar lines (`epipolar_distances`)
+    epi@1, @3             their share of the matches
+    epi_median            median distance in pixels of those within 3; None where there is none
     ====================  =========================================================================
 
     Raises

@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from elf_eval.metrics.auc import auc_trapezoids
+from elf_eval.metrics.epipolar import EPIPOLAR_ERROR, EPIPOLAR_THRESHOLDS
 from elf_eval.metrics.homography import HOMOGRAPHY_THRESHOLDS
 from elf_eval.metrics.intervals import Estimate
 from elf_eval.metrics.pose import POSE_THRESHOLDS
-from elf_eval.run.averages import having, summarize
+from elf_eval.run.averages import having, median_error, summarize
 from elf_eval.run.results import PairResult
 
 Pairs = Sequence[PairResult]
@@ -61,10 +62,21 @@ def _superglue(error: str, thresholds: Sequence[int]) -> Callable[[Pairs], str]:
     return cell
 
 
-def _count(metric: str) -> Callable[[Pairs], str]:
-    def cell(pairs: Pairs) -> str:
+def _counts(*metrics: str) -> Callable[[Pairs], str]:
+    def one(pairs: Pairs, metric: str) -> str:
         value = summarize(pairs, metric)
         return "-" if value is None else f"{value.mean:.0f}"
+
+    return lambda pairs: " / ".join(one(pairs, metric) for metric in metrics)
+
+
+def _median(error: str) -> Callable[[Pairs], str]:
+    def cell(pairs: Pairs) -> str:
+        found = median_error(pairs, error)
+        if found is None:
+            return "-"
+        value = f"{found.value:.2f}" if math.isfinite(found.value) else "-"
+        return value if not found.failed else f"{value} ({found.failed} of {found.pairs} pairs without)"
 
     return cell
 
@@ -75,9 +87,11 @@ def _auc(kind: str, title: str, thresholds: Sequence[int]) -> list[Column]:
     return [
         Column(f"{title} AUC@{at}", names[0], _means(*names)),
         Column("the same, as SuperGlue", names[0], _superglue(f"{kind}_error", thresholds)),
-        Column("inliers", names[0], _count(f"{kind}_inliers")),
+        Column("inliers", names[0], _counts(f"{kind}_inliers")),
     ]
 
+
+_EPI = " / ".join(map(str, EPIPOLAR_THRESHOLDS))
 
 COLUMNS = [
     Column("rep", "rep", lambda pairs: percent(summarize(pairs, "rep"))),
@@ -85,6 +99,9 @@ COLUMNS = [
     Column("MMA@3", "mma@3", _means("mma@3")),
     *_auc("h", "H", HOMOGRAPHY_THRESHOLDS),
     *_auc("pose", "pose", POSE_THRESHOLDS),
+    Column(f"epi@{_EPI}", "epi@1", _means(*(f"epi@{t}" for t in EPIPOLAR_THRESHOLDS))),
+    Column(f"right within {_EPI} px", "epi@1", _counts(*(f"epi_right@{t}" for t in EPIPOLAR_THRESHOLDS))),
+    Column("epi median, px", "epi@1", _median(EPIPOLAR_ERROR)),
 ]
 
 

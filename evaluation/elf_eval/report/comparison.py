@@ -12,7 +12,7 @@ from elf_eval.metrics.intervals import Difference, paired_difference
 from elf_eval.run.averages import metrics_in, scene_means
 from elf_eval.run.results import PairResult, Results
 
-METRICS = ("rep", "ms", "mma@3", "h_auc@3", "pose_auc@10", "n1")
+METRICS = ("rep", "ms", "mma@3", "h_auc@3", "pose_auc@10", "epi@1", "n1")
 
 
 @dataclass(frozen=True)
@@ -109,8 +109,14 @@ def _units(pairs: list[PairResult], metric: str, unit: str) -> dict[str, float]:
 
 def warnings(a: Results, b: Results) -> list[str]:
     """Differences in protocol, data or versions that a reader of the comparison must know about."""
-    settings = [(key, value, b.protocol.get(key)) for key, value in a.protocol.items()]
+    settings = [(key, a.protocol.get(key), b.protocol.get(key)) for key in {**a.protocol, **b.protocol}]
     found = [f"protocol {key}: {value} -> {other}" for key, value, other in settings if value != other]
+    ratios = [{m["name"]: m.get("ratio") for m in r.methods} for r in (a, b)]
+    found += [
+        f"method {name}: ratio {ratios[0][name]} -> {ratios[1][name]}"
+        for name in ratios[0]
+        if name in ratios[1] and ratios[0][name] != ratios[1][name]
+    ]
     digests = [{d["name"]: d["sha256"] for d in r.datasets} for r in (a, b)]
     found += [
         f"dataset {name}: other images or ground truth"

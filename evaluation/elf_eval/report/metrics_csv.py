@@ -6,9 +6,10 @@ import csv
 from pathlib import Path
 from typing import Any
 
+from elf_eval.metrics.epipolar import EPIPOLAR_ERROR
 from elf_eval.metrics.homography import HOMOGRAPHY_THRESHOLDS
 from elf_eval.metrics.pose import POSE_THRESHOLDS
-from elf_eval.run.averages import having, metrics_in, summarize
+from elf_eval.run.averages import having, median_error, metrics_in, summarize
 from elf_eval.run.results import PairResult, Results
 
 from .columns import superglue
@@ -17,8 +18,9 @@ from .columns import superglue
 def write_csv(results: Results, path: Path) -> None:
     """Every metric of every method on every dataset, in a row each.
 
-    A row has the mean over scenes, its 95 % interval, and the numbers of pairs and scenes.  The AUC as SuperGlue's
-    authors compute it has no interval.
+    A row has the mean over scenes, its 95 % interval, and the numbers of pairs and scenes.  Two are over all pairs
+    together and have no interval: the AUC as SuperGlue's authors compute it, and ``epi_median``, the median over pairs,
+    which is ``inf`` where half of them or more have no right match.
     """
     with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -43,3 +45,6 @@ def _write_rows(writer: Any, pairs: list[PairResult]) -> None:
         over = [p for p in pairs if error in p.metrics]
         for metric, auc in (superglue(over, error, thresholds) or {}).items():
             row(metric, over, auc, float("nan"), float("nan"))
+    if (median := median_error(pairs, EPIPOLAR_ERROR)) is not None:
+        over = [p for p in pairs if EPIPOLAR_ERROR in p.metrics]
+        row(EPIPOLAR_ERROR, over, median.value, float("nan"), float("nan"))

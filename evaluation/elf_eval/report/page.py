@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from elf_eval.metrics.epipolar import EPIPOLAR_ERROR
 from elf_eval.run.results import Results
 from elf_eval.suite.suite import TableEntry
 
@@ -69,6 +70,8 @@ def _facts(results: Results, command: str) -> list[str]:
     facts.append(
         "Averaged per scene, then over scenes, in percent; in brackets: 95 % interval over scenes (Student's t)."
     )
+    if ratios := _ratios(results):
+        facts.append(ratios)
     for title, estimated, settings in (
         ("Homographies", "h_error", p["homography"]),
         ("Relative poses, through the essential matrix,", "pose_error", p["pose"]),
@@ -81,6 +84,13 @@ def _facts(results: Results, command: str) -> list[str]:
             "scenes. As SuperGlue: slopes join the sorted errors of all pairs together, as in its authors' code and in "
             "most papers since; compare published figures with this one."
         )
+    if EPIPOLAR_ERROR in known:
+        facts.append(
+            "Epipolar distance of a match: the root mean square of its two points' distances to each other's true "
+            "epipolar lines (the symmetric distance of Hartley and Zisserman, 11.10). epi@: the share of the matches "
+            "within so many px, and right their mean number. The median is over a pair's matches within 3 px, then "
+            "over all pairs, of which one without any counts as infinite."
+        )
     if any(m["paper"] for m in results.methods):
         facts.append("The paper's columns: rep / ms; -: it has no such row; not given: its figure is not known here.")
     facts.append("Versions: " + ", ".join(f"{name} {version}" for name, version in results.versions.items()) + ".")
@@ -88,6 +98,19 @@ def _facts(results: Results, command: str) -> list[str]:
         facts.append("Plots are left out: matplotlib is not installed (it is in the extra 'eval').")
     facts += [f"Not measured: {s['name']}: {s['reason']}." for s in results.skipped]
     return facts
+
+
+def _ratios(results: Results) -> str:
+    """Which methods' matches pass a ratio test, in words; nothing where none do."""
+    ratios = {m["name"]: m.get("ratio") for m in results.methods}
+    if not any(ratios.values()):
+        return ""
+    each = ", ".join(f"{name} {'none' if ratio is None else ratio}" for name, ratio in ratios.items())
+    same = set(ratios.values())
+    return (
+        "Matches are the mutual nearest neighbours whose distance is below a ratio of that to the second nearest in "
+        f"the second image: {next(iter(same)) if len(same) == 1 else each}. ms is without."
+    )
 
 
 def _equal(floor: int) -> str:

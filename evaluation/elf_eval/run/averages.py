@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -49,6 +50,35 @@ def summarize(pairs: Sequence[PairResult], metric: str) -> Estimate | None:
         return None
     found, most = mean_interval(list(means.values())), 1.0 if is_share(metric) else math.inf
     return Estimate(found.mean, *(min(max(end, 0.0), most) for end in (found.low, found.high)))
+
+
+@dataclass(frozen=True)
+class Median:
+    """The median of an error over pairs.
+
+    Attributes
+    ----------
+    value : float
+        Infinite where half of the pairs or more have no error.
+    pairs, failed : int
+        How many pairs, and how many of them have no error because nothing was found.
+    """
+
+    value: float
+    pairs: int
+    failed: int
+
+
+def median_error(pairs: Iterable[PairResult], error: str) -> Median | None:
+    """The median of an error over all pairs together, where a failure is infinite; None where no pair has the error.
+
+    So a method is not rewarded for pairs where it finds nothing, as it would be were they left out.
+    """
+    errors = [p.metrics[error] for p in pairs if error in p.metrics]
+    if not errors:
+        return None
+    found = [math.inf if e is None else e for e in errors]
+    return Median(statistics.median(found), len(errors), errors.count(None))
 
 
 def keypoints(pairs: Iterable[PairResult]) -> Keypoints:

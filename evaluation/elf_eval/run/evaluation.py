@@ -64,30 +64,37 @@ def _load(path: Path) -> ImageFeatures:
 
 
 def pair_evaluations(
-    protocol: Protocol,
+    protocols: Mapping[str, Protocol],
     dataset: Dataset,
-    methods: list[str],
     features: Mapping[tuple[str, ImageRef], CachedFeatures],
 ) -> Iterator[PairEvaluation]:
     """One for each pair, way of counting and method, in that order.
 
     Parameters
     ----------
+    protocols : mapping
+        Each method's: they differ by `Protocol.ratio` alone.
     features : mapping
         By method and image.
     """
-    settings = json.dumps([protocol.to_dict() | {"counts": None, "count_floor": None}, code_digest(*CODE)])
+    shared = next(iter(protocols.values()))
+    settings = {method: _settings(protocol) for method, protocol in protocols.items()}
     for pair in dataset.pairs:
         refs = (pair.first, pair.second)
-        for counts in protocol.counts:
-            for method in methods:
+        for counts in shared.counts:
+            for method, protocol in protocols.items():
                 first, second = (features[method, ref] for ref in refs)
                 limit1, limit2 = (
-                    max(protocol.count_floor, min(features[m, ref].count for m in methods))
+                    max(shared.count_floor, min(features[m, ref].count for m in protocols))
                     if counts == "equal"
-                    else protocol.max_keypoints
+                    else shared.max_keypoints
                     for ref in refs
                 )
-                parts = [settings, first.digest, second.digest, [limit1, limit2], pair.truth.identity()]
+                parts = [settings[method], first.digest, second.digest, [limit1, limit2], pair.truth.identity()]
                 key = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
                 yield PairEvaluation(pair, method, counts, first.path, second.path, (limit1, limit2), protocol, key)
+
+
+def _settings(protocol: Protocol) -> str:
+    """What a pair's metrics depend on, beside its features and ground truth."""
+    return json.dumps([protocol.to_dict() | {"counts": None, "count_floor": None}, code_digest(*CODE)])

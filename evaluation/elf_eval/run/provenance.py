@@ -20,14 +20,17 @@ from elf_eval.data import Dataset
 from elf_eval.suite.suite import DatasetEntry, MethodEntry
 
 
-def about_method(entry: MethodEntry, fingerprint: str, seconds: Collection[float]) -> dict[str, Any]:
-    """A method's line of the results; `seconds` are those of each image."""
+def about_method(
+    entry: MethodEntry, fingerprint: str, ratio: float | None, seconds: Collection[float]
+) -> dict[str, Any]:
+    """A method's line of the results; `ratio` is that of its matches, `seconds` are those of each image."""
     return {
         "name": entry.name,
         "detector": entry.detector,
         "descriptor": entry.descriptor,
         "paper": entry.paper,
         "fingerprint": hashlib.sha256(fingerprint.encode()).hexdigest(),
+        "ratio": ratio,
         "seconds_per_image": round(sum(seconds) / len(seconds), 4),
     }
 

@@ -43,7 +43,8 @@ class Results:
     ----------
     protocol : dict
     methods : list of dict
-        name, detector, descriptor, paper, fingerprint, seconds_per_image (when the features were made).
+        name, detector, descriptor, paper, fingerprint, ratio (of its matches, None: no ratio test),
+        seconds_per_image (when the features were made).
     skipped : list of dict
         name and reason of the methods that could not be opened.
     datasets : list of dict
@@ -120,12 +121,14 @@ class _Protocol:
     homography: _Ransac
     pose: _Ransac
     count_floor: int = 0
+    ratio: float | None = None
 
 
 @dataclass(frozen=True)
 class _Method:
     name: str
     paper: str | None
+    ratio: float | None = None
 
 
 @dataclass(frozen=True)

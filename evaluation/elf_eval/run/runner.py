@@ -11,6 +11,7 @@ from elf_eval.data import Dataset, open_dataset
 from elf_eval.data.images import ImageRef
 from elf_eval.errors import EvalError
 from elf_eval.methods import open_methods
+from elf_eval.protocol import Protocol
 from elf_eval.suite.suite import DatasetEntry, MethodEntry, Suite
 
 from .evaluation import PairEvaluation, evaluate_pair, pair_evaluations
@@ -22,6 +23,15 @@ from .results import PairResult, Results
 from .workers import run_all
 
 Features = dict[tuple[str, ImageRef], CachedFeatures]  # by method and image
+
+
+@dataclass(frozen=True)
+class _Usable:
+    """A method that can be opened."""
+
+    entry: MethodEntry
+    fingerprint: str
+    protocol: Protocol  # with the method's own ratio
 
 
 @dataclass(frozen=True)
@@ -70,23 +80,29 @@ def run(suite: Suite, resources: Resources, log: Path | None = None, scenes: Col
         datasets = [(entry, dataset.only(scenes)) for entry, dataset in datasets]
     methods, skipped = _usable(suite, resources)
     refs = list(dict.fromkeys(ref for _, dataset in datasets for ref in dataset.images()))
-    features = _extract(suite, [entry for entry, _ in methods], refs, resources)
+    features = _extract(suite, [method.entry for method in methods], refs, resources)
     finished = PairLog(log)
     pairs: list[PairResult] = []
     for entry, dataset in datasets:
-        names = [method.name for method, _ in methods]
-        evaluations = list(pair_evaluations(suite.protocol, dataset, names, features))
+        protocols = {method.entry.name: method.protocol for method in methods}
+        evaluations = list(pair_evaluations(protocols, dataset, features))
         pairs += _evaluate(entry.name, evaluations, resources, finished)
-    seconds = {e.name: [done.seconds for (name, _), done in features.items() if name == e.name] for e, _ in methods}
     return Results(
         protocol=suite.protocol.to_dict(),
-        methods=[about_method(entry, fingerprint, seconds[entry.name]) for entry, fingerprint in methods],
+        methods=[
+            about_method(m.entry, m.fingerprint, m.protocol.ratio, _seconds(features, m.entry.name)) for m in methods
+        ],
         skipped=skipped,
         datasets=[about_dataset(entry, dataset, suite.protocol.size) for entry, dataset in datasets],
         versions=versions(),
         created=now(),
         pairs=pairs,
     )
+
+
+def _seconds(features: Features, method: str) -> list[float]:
+    """Of each image."""
+    return [done.seconds for (name, _), done in features.items() if name == method]
 
 
 def _dataset(suite: Suite, entry: DatasetEntry) -> Dataset:
@@ -104,14 +120,15 @@ def _check_pictures(suite: Suite, datasets: Mapping[str, Dataset]) -> None:
             raise EvalError(f"picture {picture.pair!r}: {error}") from error
 
 
-def _usable(suite: Suite, resources: Resources) -> tuple[list[tuple[MethodEntry, str]], list[dict[str, str]]]:
-    """The methods that can be opened, with their fingerprints; the optional ones that can't, with the reasons."""
+def _usable(suite: Suite, resources: Resources) -> tuple[list[_Usable], list[dict[str, str]]]:
+    """The methods that can be opened; the optional ones that can't, with the reasons."""
     usable, skipped = [], []
     failed: list[str] = []
     left_out: list[str] = []
     for entry in suite.methods:
         try:
-            usable.append((entry, open_methods(*suite.texts(entry), resources.threads).fingerprint))
+            method = open_methods(*suite.texts(entry), resources.threads)
+            usable.append(_Usable(entry, method.fingerprint, method.protocol(suite.protocol)))
         except EvalError as error:
             lines = left_out if entry.optional else failed
             lines.append(f"method {entry.name!r}: {error}{suite.origin(entry)}")

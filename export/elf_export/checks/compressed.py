@@ -91,7 +91,7 @@ def compare_compressed(compressed: bytes, whole: bytes, images: CalibrationSet) 
 def _matching_accuracy(elf: ElfRuntime, images: CalibrationSet) -> float:
     """MMA@1 in percent: over all pairs with a match, mean of the share that is `CLOSE` to the truth."""
     shares = []
-    for index, image in enumerate(sources(images, elf.contract.input, elf.contract.detection.scale)):
+    for index, image in enumerate(sources(images, elf.contract.input, elf.contract.detection.working_scales[0])):
         view, homography = view_of(image, index)
         first, second = elf.detect(image), elf.detect(view)
         pairs = match(first, second)

@@ -98,7 +98,7 @@ def measure(lower: bytes, full: bytes, images: CalibrationSet) -> PrecisionCheck
     """
     a, b = ElfRuntime(lower), ElfRuntime(full)
     rows, times = [], []
-    for index, image in enumerate(sources(images, b.contract.input, b.contract.detection.scale)):
+    for index, image in enumerate(sources(images, b.contract.input, b.contract.detection.working_scales[0])):
         view, homography = view_of(image, index)
         other = b.trace(image)
         if np.ptp(other.saliency) == 0:

@@ -22,7 +22,7 @@ def require_usable(model: onnx.ModelProto, contract: ModelContract, sizes: Sizes
     """Raise ExportError if the runtime does not find and describe keypoints with the file, on images that it states."""
     elf = ElfRuntime(stamped(model, contract))
     for size in dict.fromkeys([sizes.near(sizes.min_size, sizes.min_size), *(sizes.near(*at) for at in AT)]):
-        height, width = (math.ceil(side / contract.detection.scale) for side in size)
+        height, width = (math.ceil(side / contract.detection.working_scales[0]) for side in size)
         pixels = np.clip(grainy(height, width, contract.input.channels, 0), 0, 255).astype(np.uint8)
         image = pixels[..., 0] if contract.input.channels == 1 else pixels
         try:

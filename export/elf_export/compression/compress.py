@@ -103,7 +103,7 @@ class _Network:
 
     def __init__(self, source: Source, sources: Sources, images: CalibrationSet, index: int) -> None:
         self.source, self.images, self.index = source, images, index
-        self.color, self.scale = sources.color, sources.detector.detection.scale
+        self.color, self.scale = sources.color, sources.detector.detection.working_scales[0]
         self.keep = list(dict.fromkeys([*([source.layer] if index == 0 else []), *source.descriptors]))
         self.prefix = f"{source.name}:" if index else ""
         self.graph = fold_batchnorm(fold_constants(Graph(cut(source.model, self.keep), copy=False)), keep=self.keep)

@@ -47,7 +47,7 @@ def lower(
         return model, contract, ()
     check_precision(precision, opset_of(model))
     if precision == "int8":
-        lowered = quantize(model, images, contract.input, contract.detection.scale)
+        lowered = quantize(model, images, contract.input, contract.detection.working_scales[0])
     else:
         lowered = (half_precision if precision == "fp16" else bfloat16_weights)(model)
     its_contract = replace(contract, precision=precision)

@@ -15,6 +15,7 @@ import cv2
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.image import read
 from elf_runtime.pictures.render import displayable
+from elf_runtime.presets import PRESETS
 from elf_runtime.timing.environment import environment, usable_cores
 from elf_runtime.timing.fresh_process import peak_memory, start_up
 
@@ -80,6 +81,7 @@ def build_parser() -> command.Parser:
     parser.add_argument("--torch-model", metavar="FILE", help="ELF model whose weights torch takes; default: --model")
     parser.add_argument("--json", metavar="FILE", help="write everything, samples included; - is standard output")
     options.add_model_options(parser)
+    parser.add_argument("--preset", choices=PRESETS, help="detection settings; default: the model's own")
     parser.add_argument(
         "--spin", action="store_true", help="let idle threads spin between runs too: pays where cores are free"
     )
@@ -113,6 +115,7 @@ def _work(args: argparse.Namespace) -> int:
     photo = displayable(read(args.image)) if args.image else None
     report: dict[str, Any] = {
         "model": {"file": args.model or "bundled", "network": elf.contract.network, "layer": elf.contract.layer},
+        "preset": args.preset or "default",
         "image": args.image or "synthetic, seed 0",
         "environment": environment(args.threads, elf.providers[0]),
         "repeats": args.repeats,
@@ -131,14 +134,14 @@ def _work(args: argparse.Namespace) -> int:
             image = synthetic(height, width) if photo is None else cv2.resize(photo, (width, height))
             picture = Path(folder) / f"{len(runs)}.png"
             write_picture(picture, image)
-            workloads = [ours(elf, picture), *(saliencies(elf, twin, image) if wanted else [])]
+            workloads = [ours(elf, picture, args.preset), *(saliencies(elf, twin, image) if wanted else [])]
             runs.append(SizeRun(image, [*workloads, *peers(wanted, image, torch_saliency)]))
         time_in_turn(runs, args.warmup, args.repeats)
         for run in runs:
             entry = run.entry()
             if torch_saliency is not None:
                 entry["saliency_agreement"] = run.agreement(twin or elf, torch_saliency)
-            entry["memory"] = peak_memory(args.model, args.provider, args.threads, run.image.shape[:2])
+            entry["memory"] = peak_memory(args.model, args.provider, args.threads, run.image.shape[:2], args.preset)
             report["sizes"].append(entry)
     say(table(report), sys.stderr if args.json == "-" else None)
     if args.json:

@@ -22,11 +22,11 @@ PEERS = ("torch", "sift", "orb")
 PEER_KEYPOINTS = 500
 
 
-def ours(elf: ElfRuntime, file: Path) -> Workload:
+def ours(elf: ElfRuntime, file: Path, preset: str | None = None) -> Workload:
     """Detection from an image file, stage by stage."""
 
     def detect() -> tuple[int | None, dict[str, float]]:
-        trace = elf.trace(file)
+        trace = elf.trace(file, preset=preset)
         return len(trace.features), trace.seconds
 
     return Workload("elf", "ELF, decode to descriptors", detect)

@@ -31,8 +31,8 @@ Detect ELF keypoints in images and describe them.
 
 For every image photos/NAME.jpg, DIR gets
   photos/NAME.npz   keypoints (N, 2) as x, y in pixels, scores (N,), descriptors (N, D), image_size (height, width),
-                    nms_radius, and a record of image, model and settings
-  photos/NAME.csv   x,y,score
+                    nms_radius, sizes (N,), angles (N,), and a record of image, model and settings
+  photos/NAME.csv   x,y,score,size,angle
   photos/NAME.png   a picture: keypoints, saliency and threshold side by side
 Where a folder has NAME.png too, they are called NAME.jpg.npz and so on.
 DIR mirrors the images' folders as they are given; of absolute paths what is below the folder given, or --base.

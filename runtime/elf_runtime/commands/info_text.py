@@ -175,7 +175,7 @@ def _counts(ops: Mapping[str, int]) -> str:
 
 def _short(value: Any) -> str:
     if isinstance(value, (list, tuple)):
-        return "(" + ", ".join(_short(v) for v in value) + ")"
+        return "(" + ", ".join(_short(v) for v in value) + ")" if value else "none"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 

@@ -45,7 +45,8 @@ exit status: 0, also where no geometry is supported; 1 if an image or a file can
 command line
 
 --save writes pairs (M, 2) of indices, the matched points_a and points_b (M, 2) as x, y in pixels, their
-scores_a and scores_b (M,), inliers (M,), and the fitted matrix (3, 3), NaN where there is none."""
+scores, sizes and angles (scores_a, scores_b ..., (M,)), inliers (M,), and the fitted matrix (3, 3), NaN where there
+is none."""
 
 
 def build_parser() -> command.Parser:
@@ -142,8 +143,8 @@ def _save(path: Path, pairs: np.ndarray, found: tuple[Features, Features], view:
         "pairs": pairs,
         "points_a": first.keypoints[pairs[:, 0]],
         "points_b": second.keypoints[pairs[:, 1]],
-        "scores_a": first.scores[pairs[:, 0]],
-        "scores_b": second.scores[pairs[:, 1]],
+        **{f"{name}_a": getattr(first, name)[pairs[:, 0]] for name in ("scores", "sizes", "angles")},
+        **{f"{name}_b": getattr(second, name)[pairs[:, 1]] for name in ("scores", "sizes", "angles")},
         "inliers": view.inliers & view.supported if view is not None else np.ones(len(pairs), np.bool_),
         "matrix": view.matrix if view is not None and fitted else np.full((3, 3), np.nan),
     }

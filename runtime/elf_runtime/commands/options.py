@@ -54,7 +54,7 @@ def add_detection_options(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     group.add_argument(
         "--preset", choices=PRESETS,
-        help="fast, default (the model's own), accurate, or settings of the ELF paper's experiments",
+        help="fast, default (the model's own), accurate, multiscale, or settings of the ELF paper's experiments",
     )  # fmt: skip
     group.add_argument("--scale", type=float, metavar="S", help="resize the image by S for the network (0.5 = half)")
     group.add_argument("--descriptor", metavar="LAYER", help="which of the model's descriptors (see elf-info)")

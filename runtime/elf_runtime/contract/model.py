@@ -73,6 +73,8 @@ class ModelContract:
         values = asdict(self)
         if self.compression is None:
             del values["compression"]  # as of files that are older than the field
+        if not self.detection.scales:
+            del values["detection"]["scales"]  # likewise
         return write_metadata(values)
 
     @classmethod

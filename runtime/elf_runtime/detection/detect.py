@@ -1,61 +1,120 @@
-"""ELF's detection: from the saliency map of an image to its features."""
+"""ELF's detection: from the saliency maps of an image, one for each working scale, to its features."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from elf_runtime.params import DetectionParams
-from elf_runtime.results.features import Features
-from elf_runtime.results.trace import Stopwatch, Trace
+from elf_runtime.results.features import Features, window_size
+from elf_runtime.results.trace import Level, Stopwatch, Trace
 
 from .descriptors import Array, DescriptorMap
-from .grid import passing_by_cell
+from .grid import cell_of, passing_by_cell
+from .pyramid import Candidates, merged
 from .refine import parabola_peaks
-from .select import select_keypoints
+from .select import Index, select_keypoints
 from .threshold import blurred, passing
-from .working_image import WorkingImage
+from .working_image import Levels, WorkingImage
 
 
-def detect(
-    image: WorkingImage, saliency: Array, described: DescriptorMap | None, params: DetectionParams, watch: Stopwatch
-) -> Trace:
-    """Threshold the saliency, keep its maxima, and read their descriptors off the map.
+@dataclass(frozen=True)
+class Seen:
+    """An image at one working scale, and what the network made of it.
 
-    Parameters
+    Attributes
     ----------
     image : WorkingImage
     saliency : (h, w) float32, >= 0
         Of the image's pixels.
     described : DescriptorMap, optional
         Without one, descriptors have no values.
+    """
+
+    image: WorkingImage
+    saliency: Array
+    described: DescriptorMap | None
+
+
+def detect(seen: Sequence[Seen], params: DetectionParams, watch: Stopwatch) -> Trace:
+    """Threshold the saliency, keep its maxima, and read their descriptors off the map.
+
+    Parameters
+    ----------
+    seen : the image at each working scale, the finest first
     watch : Stopwatch
         Gets the time of each stage.
     """
+    levels, points, scores = zip(*(_maxima(one, params, watch) for one in seen), strict=True)
+    image = seen[0].image
+    if len(seen) == 1:
+        with watch("descriptors"):
+            places, descriptors = _placed(seen[0], levels[0], points[0], params)
+        features = Features(places, scores[0], descriptors, image.scaling.source, params.nms_radius)
+        return Trace(features, levels, watch.seconds)
+    with watch("nms"):
+        level, index = _across_scales(seen, points, scores, params)
+        own = [index[level == number] for number in range(len(seen))]
+    with watch("descriptors"):
+        parts = [_placed(*of, points[i][own[i]], params) for i, of in enumerate(zip(seen, levels, strict=True))]
+        order = np.argsort(np.argsort(level, kind="stable"))  # of what is kept, level by level
+        places, descriptors = (np.concatenate(part)[order] for part in zip(*parts, strict=True))
+    strength = np.concatenate([score[kept] for score, kept in zip(scores, own, strict=True)])[order]
+    scales = np.array([one.image.scaling.scale for one in seen])
+    sizes = (window_size(params.nms_radius, image.scaling.source) * scales[0] / scales[level]).astype(np.float32)
+    features = Features(places, strength, descriptors, image.scaling.source, params.nms_radius, sizes)
+    return Trace(features, levels, watch.seconds)
+
+
+def _maxima(seen: Seen, params: DetectionParams, watch: Stopwatch) -> tuple[Level, Index, Array]:
+    """One level's maps, and the keypoints at whole working pixels, (N, 2), with their scores, (N,)."""
+    image = seen.image
     with watch("blur"):
         allowed = image.allowed()
-        scores, smooth = blurred(saliency, params, allowed)
+        scores, smooth = blurred(seen.saliency, params, allowed)
     with watch("threshold"):
         if params.grid == (1, 1):
             mask = passing(scores, smooth, params, allowed)
         else:
-            mask = passing_by_cell(saliency, params, allowed)
+            mask = passing_by_cell(seen.saliency, params, allowed)
     with watch("nms"):
         found, strength = select_keypoints(scores, mask, image, params)
         # The paper's scores were of 8 bits so far.
         values, best = scores.astype(np.float32, copy=False), strength.astype(np.float32, copy=False)
-    with watch("descriptors"):
-        points = found.astype(np.float32)
-        if params.subpixel:
-            points = image.kept_inside(parabola_peaks(values, found), found, params.border)
-        descriptors = described.at(points) if described is not None else np.zeros((len(points), 0), np.float32)
-    places = image.scaling.to_source(points)
-    features = Features(places, best, descriptors, image.scaling.source, params.nms_radius)
-    return Trace(features, saliency, values, mask, watch.seconds)
+    return Level(image.scaling.scale, seen.saliency, values, mask), found, best
 
 
-def nothing_found(image: WorkingImage, dim: int, params: DetectionParams, watch: Stopwatch) -> Trace:
+def _across_scales(
+    seen: Sequence[Seen], points: Sequence[Index], scores: Sequence[Array], params: DetectionParams
+) -> tuple[Index, Index]:
+    """The keypoints kept, the strongest first: (K,) the level of each, and its index among that level's."""
+    candidates = []
+    for one, found, strength in zip(seen, points, scores, strict=True):
+        scaling = one.image.scaling
+        cell, cells = cell_of(found, scaling.working, params.grid)
+        candidates.append(Candidates(scaling.to_source(found), strength, scaling.scale, cell, cells))
+    radius = min(params.nms_radius, max(seen[0].image.scaling.source))
+    return merged(candidates, radius, params.max_keypoints)
+
+
+def _placed(seen: Seen, level: Level, found: Index, params: DetectionParams) -> tuple[Array, Array]:
+    """Where a level's keypoints lie in the source image, (N, 2), and their descriptors, (N, D)."""
+    points = found.astype(np.float32)
+    if params.subpixel:
+        points = seen.image.kept_inside(parabola_peaks(level.scores, found), found, params.border)
+    described = seen.described
+    descriptors = described.at(points) if described is not None else np.zeros((len(points), 0), np.float32)
+    return seen.image.scaling.to_source(points), descriptors
+
+
+def nothing_found(images: Levels, dim: int, params: DetectionParams, watch: Stopwatch) -> Trace:
     """What `detect` would give for an image of one colour, whose saliency is zero; descriptors are of `dim` values."""
-    zero = np.zeros(image.scaling.working, np.float32)
+    levels = []
+    for image in images:
+        zero = np.zeros(image.scaling.working, np.float32)
+        levels.append(Level(image.scaling.scale, zero, zero, np.zeros(zero.shape, np.bool_)))
     points, scores, descriptors = (np.zeros(shape, np.float32) for shape in ((0, 2), (0,), (0, dim)))
-    features = Features(points, scores, descriptors, image.scaling.source, params.nms_radius)
-    return Trace(features, zero, zero, np.zeros(zero.shape, np.bool_), watch.seconds)
+    features = Features(points, scores, descriptors, images[0].scaling.source, params.nms_radius)
+    return Trace(features, tuple(levels), watch.seconds)

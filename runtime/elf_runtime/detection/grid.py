@@ -63,14 +63,36 @@ def shared_out(
     -------
     points, scores : the ones kept, at most `limit`, in their order
     """
+    cell, count = cell_of(points, shape, grid)
+    kept = filled_up(cell, np.full(len(points), max(1, limit // count)), limit)
+    return points[kept], scores[kept]
+
+
+def cell_of(points: Index, shape: tuple[int, int], grid: tuple[int, int]) -> tuple[Index, int]:
+    """The number, (N,) from 0 on, of the cell that each point (x, y) of a map of `shape` lies in, and how many are."""
     count = np.array([min(side, parts) for side, parts in zip(shape, grid, strict=True)])
     # The cell of pixel p is the last that begins at or before it: side * i // count <= p.
     row, column = np.minimum((points[:, ::-1] * count + count - 1) // shape, count - 1).T
-    cell = row * count[1] + column
-    order = np.argsort(cell, kind="stable")
-    starts = np.searchsorted(cell[order], cell[order])
-    rank = np.empty(len(points), np.int64)  # 0 for the strongest of a cell
-    rank[order] = np.arange(len(points)) - starts
-    within = rank < max(1, limit // int(count.prod()))
-    kept = np.sort(np.argsort(~within, kind="stable")[:limit])
-    return points[kept], scores[kept]
+    return row * count[1] + column, int(count.prod())
+
+
+def filled_up(group: Index, share: Index, limit: int) -> Index:
+    """The first of each group, up to its share, and then the first of the others, up to `limit` in all.
+
+    Parameters
+    ----------
+    group : (N,) int64
+        Of each point, the strongest first.
+    share : (N,) int64
+        That of the point's group.
+
+    Returns
+    -------
+    (K,) int64
+        The indices of those kept, ascending.
+    """
+    order = np.argsort(group, kind="stable")
+    starts = np.searchsorted(group[order], group[order])
+    rank = np.empty(len(group), np.int64)  # 0 for the first of a group
+    rank[order] = np.arange(len(group)) - starts
+    return np.sort(np.argsort(rank >= share, kind="stable")[:limit])

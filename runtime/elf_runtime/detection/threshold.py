@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from elf_runtime.params import Blur, DetectionParams
+from elf_runtime.params import DetectionParams
+from elf_runtime.values import Blur
 
 Array = npt.NDArray[np.float32]
 Scores = npt.NDArray[np.number]  # float32 or uint8

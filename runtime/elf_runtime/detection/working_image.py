@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from elf_runtime.errors import ImageError, SettingError
 from elf_runtime.image import convert as images
 from elf_runtime.image import masks
 from elf_runtime.params import DetectionParams
+from elf_runtime.results.features import window_size
 
 from .contrast import window_for
 from .scaling import Array, Scaling
@@ -74,12 +75,18 @@ class WorkingImage:
         return np.where(stays[:, None], refined, found.astype(np.float32))
 
 
+Levels: TypeAlias = tuple[WorkingImage, ...]
+"""An image at every working scale, the finest first: all `textured`, or none."""
+
+
 def prepare(
     image: npt.NDArray[Any], params: DetectionParams, mask: npt.ArrayLike | None, contract: ModelContract, model: str
-) -> WorkingImage:
-    """The image at the working size, as a model takes it, and where keypoints may be.
+) -> Levels:
+    """The image at each working size, as a model takes it, and where keypoints may be.
 
     That is where the mask, if there is one, is not zero, nor the image's alpha, and not near the edge of that.
+    Every level is resized from the image itself.  Scales that come to the same size, as those of a small image may, are
+    one level.
 
     Parameters
     ----------
@@ -98,15 +105,31 @@ def prepare(
     # One pixel stands for an image of one colour, which may be a gigabyte that was a kilobyte of file.
     blank = images.is_blank(image)
     pixels = images.to_pixels(image[:1, :1] if blank else image, contract.input)
-    scaling = _scaling((image.shape[0], image.shape[1]), params.scale, contract.input, model)
+    size = (image.shape[0], image.shape[1])
+    by_size: dict[tuple[int, int], Scaling] = {}
+    for scale in params.working_scales:
+        scaling = _scaling(size, scale, contract.input, model)
+        by_size.setdefault(scaling.working, scaling)
     textured = not (blank or images.is_flat(pixels))
-    pixels = np.tile(pixels, (*scaling.working, 1)) if blank else images.resized(pixels, scaling.working)
     allowed = masks.seen(image, mask)
-    if allowed is not None:
-        allowed = masks.shrunk(allowed, _mask_border(params, contract.receptive_field, scaling.scale))
-    window = window_for(contract.receptive_field, scaling.working)
     gray_levels = 255.0 / contract.input.value_range * images.unused_range(image)
-    return WorkingImage(pixels, scaling, allowed, textured, window, gray_levels)
+
+    def level(scaling: Scaling) -> WorkingImage:
+        seen = np.tile(pixels, (*scaling.working, 1)) if blank else images.resized(pixels, scaling.working)
+        border = _mask_border(params, contract.receptive_field, scaling.scale)
+        inside = None if allowed is None else masks.shrunk(allowed, border)
+        window = window_for(contract.receptive_field, scaling.working)
+        return WorkingImage(seen, scaling, inside, textured, window, gray_levels)
+
+    return tuple(level(scaling) for scaling in by_size.values())
+
+
+def nearest_level(sizes: npt.ArrayLike, levels: Levels, nms_radius: int) -> npt.NDArray[np.int64]:
+    """The number of the level, (N,), whose keypoints have the size nearest, by ratio, to each of `sizes`, (N,)."""
+    scales = np.array([image.scaling.scale for image in levels])
+    own = window_size(nms_radius, levels[0].scaling.source) * scales[0] / scales
+    given = np.maximum(np.asarray(sizes, np.float64), np.finfo(np.float32).tiny)
+    return np.asarray(np.abs(np.log(given[:, None] / own)).argmin(axis=1))
 
 
 def _scaling(size: tuple[int, int], scale: float, spec: InputSpec, model: str) -> Scaling:

@@ -12,16 +12,17 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_runtime.contract import DescriptorSpec, ModelContract
-from elf_runtime.detection.descriptors import Array, DescriptorMap
-from elf_runtime.detection.detect import detect, nothing_found
-from elf_runtime.detection.working_image import WorkingImage, prepare
+from elf_runtime.detection.descriptors import Array, DescriptorMap, as_points
+from elf_runtime.detection.detect import Seen, detect, nothing_found
+from elf_runtime.detection.working_image import Levels, WorkingImage, nearest_level, prepare
 from elf_runtime.errors import ImageError, SettingError
 from elf_runtime.image.file import ImageLike, check_pixels, image_errors, read
 from elf_runtime.model.network import Network
 from elf_runtime.model.session import read_model
-from elf_runtime.params import DetectionParams, is_int
+from elf_runtime.params import DetectionParams
 from elf_runtime.presets import preset
 from elf_runtime.results.trace import Stopwatch, Trace
+from elf_runtime.values import is_int
 
 
 class OpenedModel:
@@ -67,7 +68,7 @@ class OpenedModel:
     ) -> DetectionParams:
         """The settings that a call with this preset, or these `params`, and these changes uses.
 
-        A preset's scale is not for a model that takes one size only: there it is 1.
+        A preset's scale or scales are not for a model that takes one size only: there it is 1.
 
         Raises
         ------
@@ -92,7 +93,7 @@ class OpenedModel:
         mask: npt.ArrayLike | None = None,
         place: str = "",
         watch: Stopwatch | None = None,
-    ) -> WorkingImage:
+    ) -> Levels:
         """Read the image and make it ready; `place` says which of a batch it is, for what is wrong with it."""
         watch = watch or Stopwatch()
         with watch("read"):
@@ -102,20 +103,28 @@ class OpenedModel:
             return prepare(pixels, params, mask, self.contract, self._network.name)
 
     def _traces(
-        self, group: Sequence[WorkingImage], params: DetectionParams, spec: DescriptorSpec | None, watch: Stopwatch
+        self, group: Sequence[Levels], params: DetectionParams, spec: DescriptorSpec | None, watch: Stopwatch
     ) -> Iterator[Trace]:
-        """The detections of images of one working size, which go through the network together."""
-        pixels = [image.pixels for image in group if image.textured]
+        """The detections of images of the same working sizes, which go through the network together."""
+        textured = [levels for levels in group if levels[0].textured]
         with watch("session"):
-            outputs = self._network.run(pixels, spec) if pixels else {}
-        order = iter(range(len(pixels)))
-        for image in group:
-            if image.textured:
+            outputs = [
+                self._network.run([image.pixels for image in same_size], spec, levels=len(group[0]))
+                for same_size in zip(*textured, strict=True)
+            ]
+        order = iter(range(len(textured)))
+        for levels in group:
+            if levels[0].textured:
                 i = next(order)
-                described = DescriptorMap(outputs[spec.output][i], spec, self._network.name) if spec else None
-                yield detect(image, outputs[self.contract.saliency_output][i], described, params, watch)
+                seen = [self._seen(image, maps, i, spec) for image, maps in zip(levels, outputs, strict=True)]
+                yield detect(seen, params, watch)
             else:
-                yield nothing_found(image, spec.dim if spec else 0, params, watch)
+                yield nothing_found(levels, spec.dim if spec else 0, params, watch)
+
+    def _seen(self, image: WorkingImage, maps: Mapping[str, Array], index: int, spec: DescriptorSpec | None) -> Seen:
+        """An image with its part of what the network gives for a batch."""
+        described = DescriptorMap(maps[spec.output][index], spec, self._network.name) if spec else None
+        return Seen(image, maps[self.contract.saliency_output][index], described)
 
     def _batches(
         self,
@@ -136,12 +145,13 @@ class OpenedModel:
             raise ImageError(f"{len(all_masks)} masks for {len(batch)} images")
         pairs = enumerate(zip(batch, all_masks, strict=True))
         prepared = (self._prepare(image, params, mask, f"image {i} of the batch") for i, (image, mask) in pairs)
-        for _, same_size in groupby(prepared, key=lambda working: working.scaling.working):
+        for _, same_size in groupby(prepared, key=lambda levels: [image.scaling.working for image in levels]):
             while group := list(islice(same_size, self.contract.input.batch or batch_size)):
                 yield from self._traces(group, params, spec, Stopwatch())
 
-    def _saliency(self, working: WorkingImage) -> Array:
-        """The saliency map at the size of the source image."""
+    def _saliency(self, image: ImageLike, params: DetectionParams) -> Array:
+        """The saliency map of the finest working scale, at the size of the source image."""
+        (working,) = self._prepare(image, params.updated(scale=params.working_scales[0]))
         height, width = working.scaling.source
         if not working.textured:
             return np.zeros((height, width), np.float32)
@@ -150,12 +160,28 @@ class OpenedModel:
             return found
         return np.asarray(cv2.resize(found, (width, height), interpolation=cv2.INTER_LINEAR))
 
+    def _described(self, image: ImageLike, points: Any, params: DetectionParams, spec: DescriptorSpec) -> Array:
+        """Descriptors at points, each at its own working scale where there are several: see `ElfRuntime.describe`."""
+        where = as_points(points)
+        levels = self._prepare(image, params)
+        found = np.zeros((len(where), spec.dim), np.float32)
+        level = np.zeros(len(where), np.int64)
+        if len(levels) > 1 and len(where) and hasattr(points[0], "pt"):
+            level = nearest_level([point.size for point in points], levels, params.nms_radius)
+        for number in np.unique(level):
+            working, own = levels[number], level == number
+            maps = self._network.run([working.pixels], spec, saliency=False, levels=len(levels))
+            described = DescriptorMap(maps[spec.output][0], spec, self._network.name)
+            found[own] = described.at(working.scaling.to_working(where[own]))
+        return found
+
     def _warm(self, size: tuple[int, int], params: DetectionParams) -> None:
         """Open the session of (height, width) and detect on noise of this size, which is checked before it is made."""
         if not (isinstance(size, Sequence) and len(size) == 2 and all(is_int(side) and side > 0 for side in size)):
             raise SettingError(f"a size is (height, width) in pixels, not {size!r}")
         check_pixels(size, self._max_pixels)
         noise = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
-        working, spec = self._prepare(noise, params), self.contract.descriptor()
-        self._network.expect(working.scaling.working, spec)
-        list(self._traces([working], params, spec, Stopwatch()))
+        levels, spec = self._prepare(noise, params), self.contract.descriptor()
+        for image in levels:
+            self._network.expect(image.scaling.working, spec, len(levels))
+        list(self._traces([levels], params, spec, Stopwatch()))

@@ -6,10 +6,9 @@ import os
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
-from elf_runtime.detection.descriptors import Array, DescriptorMap, as_points
+from elf_runtime.detection.descriptors import Array
 from elf_runtime.errors import SettingError
 from elf_runtime.image.file import MAX_PIXELS, ImageLike
 from elf_runtime.model.providers import Provider
@@ -57,10 +56,11 @@ class ElfRuntime(OpenedModel):
         fallback : bool
             Where a provider is not installed or does not start: warn and go on with the next (True), or raise.
         sizes : int
-            For that many image sizes, the ones used last, a session of their own is kept, and a second one where images
-            come in batches too: ONNX Runtime is up to a sixth faster in fp32 when it knows the size.  Until a size has
-            it (the first, one that `warmup` names, or one that comes again), its images go through a session of any
-            size, with the same result up to rounding.  0 is that session only; so is a model in ORT format.
+            For that many image sizes, the ones used last, a session of their own is kept (one for each scale, where
+            there are several), and a second one where images come in batches too: ONNX Runtime is up to a sixth faster
+            in fp32 when it knows the size.  Until a size has it (the first, one that `warmup` names, or one that comes
+            again), its images go through a session of any size, with the same result up to rounding.  0 is that session
+            only; so is a model in ORT format.
         max_pixels : int, optional
             Larger images are refused, files before they are decoded (see `image.read`): the network takes some 100
             bytes for each pixel at the default's working scale.  None is no limit.
@@ -108,10 +108,11 @@ class ElfRuntime(OpenedModel):
             edge that the network sees what lies behind: see ``mask_border`` of `DetectionParams`.  An alpha channel of
             the image is a mask too.
         preset : str, optional
-            "fast", "default" (the model's own settings), "accurate", or the paper's: "paper", "paper-webcam",
-            "paper-robust", "paper-components".  Where to start from.  Its scale is not for a model of one size only.
+            "fast", "default" (the model's own settings), "accurate", "multiscale", or the paper's: "paper",
+            "paper-webcam", "paper-robust", "paper-components".  Where to start from.  Its scale or scales are not for a
+            model of one size only.
         scale : float
-            Working scale: 0.5 lets the network see the image at half width and height.
+            Working scale, in place of a preset's `scales` too: 0.5 lets the network see half the width and height.
         descriptor : str, optional
             Which of the model's descriptor layers; the first by default.
         **settings
@@ -143,7 +144,7 @@ class ElfRuntime(OpenedModel):
         descriptor: str | None = None,
         **settings: Any,
     ) -> Trace:
-        """As `detect`, with the saliency, the scores, the threshold mask and the time of each stage."""
+        """As `detect`, with the saliency, scores and threshold mask of each scale, and the time of each stage."""
         params = self.params(preset, **settings)
         spec, watch = self.contract.descriptor(descriptor), Stopwatch()
         return next(self._traces([self._prepare(image, params, mask, watch=watch)], params, spec, watch))
@@ -185,14 +186,15 @@ class ElfRuntime(OpenedModel):
     ) -> Array:
         """The saliency map S(I) = |F^T dF/dI|, averaged over the image's channels.
 
-        `scale`, and `preset` or `params`, whose scale it is otherwise, are those of `detect`.
+        `scale`, and `preset` or `params`, whose scale it is otherwise, are those of `detect`; of several scales, the
+        finest counts.
 
         Returns
         -------
         (H, W) float32
             At the size of the source image (interpolated where the working scale is not 1); zero for a flat image.
         """
-        return self._saliency(self._prepare(image, self.params(preset, params=params, scale=scale)))
+        return self._saliency(image, self.params(preset, params=params, scale=scale))
 
     def describe(
         self,
@@ -210,7 +212,9 @@ class ElfRuntime(OpenedModel):
         points : (N, 2) array of (x, y) in source-image pixels, or a sequence of cv2.KeyPoint
             A point outside the image takes the descriptor of the nearest place inside.
         descriptor, scale, preset, params : optional
-            As in `detect`; of the preset or `params` only its scale matters.
+            As in `detect`; of the preset or `params` only its scale matters.  Where it has several, a cv2.KeyPoint is
+            described at the one whose keypoints have the size nearest to its own, by ratio (see `Features.sizes`), and
+            (x, y) at the finest.
 
         Returns
         -------
@@ -224,12 +228,7 @@ class ElfRuntime(OpenedModel):
         spec = self.contract.descriptor(descriptor)
         if spec is None:
             raise SettingError(f"{self._network.name}: exported with --desc none, it can't describe")
-        where = as_points(points)
-        working = self._prepare(image, self.params(preset, params=params, scale=scale))
-        if len(where) == 0:
-            return np.zeros((0, spec.dim), np.float32)
-        found = self._network.run([working.pixels], spec, saliency=False)[spec.output][0]
-        return DescriptorMap(found, spec, self._network.name).at(working.scaling.to_working(where))
+        return self._described(image, points, self.params(preset, params=params, scale=scale), spec)
 
     def warmup(
         self,
@@ -240,7 +239,8 @@ class ElfRuntime(OpenedModel):
     ) -> None:
         """Detect once on noise of (height, width) at a working scale, by default the preset's, else the model's.
 
-        The session of this size is open then: `detect` on the first real image pays no first-use costs.
+        The session of this size, one for each scale, is open then: `detect` on the first real image pays no first-use
+        costs.
 
         Raises
         ------

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_runtime.errors import SettingError
-from elf_runtime.params import is_int, is_number
+from elf_runtime.values import is_int, is_number
 
 from .cameras import Cameras
 from .two_view import KINDS, Float, TwoView, expected_by_chance

@@ -10,9 +10,9 @@ from elf_runtime.contract import InputSpec
 from elf_runtime.errors import ImageError, SettingError
 from elf_runtime.image.convert import to_pixels, unused_range
 from elf_runtime.image.file import ImageLike, image_errors, read
-from elf_runtime.params import is_int, is_number
 from elf_runtime.results.features import Array, Features
 from elf_runtime.results.matches import Matches
+from elf_runtime.values import is_int, is_number
 
 _GRAY = InputSpec(color="gray", channels=1)
 _SPREAD = 8.0  # pixels: sigma of the Gaussian over which brightness and contrast are evened out

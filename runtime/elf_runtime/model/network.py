@@ -67,7 +67,9 @@ class Network:
     def __reduce__(self) -> tuple[Any, ...]:
         return Network, self.given
 
-    def run(self, images: Sequence[Array], spec: DescriptorSpec | None, saliency: bool = True) -> dict[str, Array]:
+    def run(
+        self, images: Sequence[Array], spec: DescriptorSpec | None, saliency: bool = True, levels: int = 1
+    ) -> dict[str, Array]:
         """The outputs for N images, by name: the saliency, (N, h, w), and a descriptor map, (N, h', w', D).
 
         Parameters
@@ -77,6 +79,8 @@ class Network:
             Which descriptor; None computes none.
         saliency : bool
             Whether to compute it.
+        levels : int
+            How many sizes of the same images are looked at.
 
         Raises
         ------
@@ -87,7 +91,7 @@ class Network:
         """
         names = self._outputs(spec, saliency)
         pixels = np.stack(images) if len(images) > 1 else images[0][None]  # one alone is not copied: it may be large
-        session, options = self.sessions.get(names, pixels.shape[:3])
+        session, options = self.sessions.get(names, pixels.shape[:3], levels=levels)
         try:
             values = session.run(names, {self.contract.input.name: pixels}, options)
         except Exception as error:  # onnxruntime's own exceptions share no base of theirs
@@ -101,9 +105,9 @@ class Network:
             check_map(found[spec.output], spec, shape, self.name)
         return found
 
-    def expect(self, size: tuple[int, int], spec: DescriptorSpec | None) -> None:
-        """Open the session for single images of this working size (h, w), which are to come."""
-        self.sessions.get(self._outputs(spec), (1, *size), expected=True)
+    def expect(self, size: tuple[int, int], spec: DescriptorSpec | None, levels: int = 1) -> None:
+        """Open the session for single images of this working size (h, w), one of `levels`, which are to come."""
+        self.sessions.get(self._outputs(spec), (1, *size), expected=True, levels=levels)
 
     def _outputs(self, spec: DescriptorSpec | None, saliency: bool = True) -> list[str]:
         return [self.contract.saliency_output] * saliency + ([spec.output] if spec is not None else [])

@@ -11,7 +11,7 @@ import onnxruntime as ort
 
 from elf_runtime.errors import ModelError, ProviderError, first_line, reason
 from elf_runtime.files.kind import HEAD, description, open_regular
-from elf_runtime.params import is_int
+from elf_runtime.values import is_int
 
 from .forking import opened
 from .providers import Provider, provider_names, resolve_providers

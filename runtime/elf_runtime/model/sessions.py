@@ -44,6 +44,7 @@ class Sessions:
     counts as one of the sizes.  The first size of all is expected to come again, and so is every size on other
     providers than the CPU, which may take long to compile.  A model in ORT format can be neither cut nor given a size,
     so it has one session.  A model whose nodes have graphs of their own (If, Loop) can't be cut.
+    An image that is looked at in several working sizes, its levels, counts as one size.
 
     Parameters
     ----------
@@ -93,6 +94,7 @@ class Sessions:
         self._open: dict[_Key, ort.InferenceSession] = {}
         if not provisional:
             self._open[self._all, None, False] = session
+        self._levels = 1  # most working sizes of an image so far
         self._last: dict[frozenset[str], list[Shape]] = {}  # by outputs, the sizes that came last
         # Of a session of any size: the pixels of its last image, and those that the memory it keeps is enough for.
         self._pixels: dict[_Key, tuple[int, int]] = {}
@@ -113,22 +115,24 @@ class Sessions:
         return len(self._open)
 
     def get(
-        self, outputs: Sequence[str], shape: Shape, expected: bool = False
+        self, outputs: Sequence[str], shape: Shape, expected: bool = False, levels: int = 1
     ) -> tuple[ort.InferenceSession, ort.RunOptions | None]:
         """A session that computes these outputs and no other, for images (N, h, w), and the options to run it with.
 
-        It is for this size alone where the size came before among the last `sizes`, or is `expected` to come again.  An
+        It is for this size alone where the size came before among the last `sizes`, or is `expected` to come again.  Of
+        images with several `levels`, that many times as many sizes are kept, and the first that many are expected.  An
         image alone has a session of its own too, which fuses more; in all others of that size the batch is free.  A
         session of any size gives its memory back after an image much larger than the last, or much smaller than one
         before.
         """
         alone, size = shape[0] == 1, shape[1:]
         with self._opening:
+            self._levels = max(self._levels, levels)
             wanted = self._computed_for(outputs)
             key: _Key = (wanted, None, False)
             if self._sizes:
                 own: _Key = (wanted, size, alone)
-                again = self._comes_again(wanted, size)
+                again = self._comes_again(wanted, size, levels)
                 key = own if again or expected or self._at_once or own in self._open else key
             session = self._open.pop(key, None)
             if session is None:
@@ -163,11 +167,11 @@ class Sessions:
         options.add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")
         return options
 
-    def _comes_again(self, wanted: frozenset[str], size: Shape) -> bool:
-        """Whether a size is the first for these outputs or among the last ones, which it joins."""
+    def _comes_again(self, wanted: frozenset[str], size: Shape, levels: int) -> bool:
+        """Whether a size is one of the first image for these outputs, or among the last ones, which it joins."""
         last = self._last.get(wanted, [])
-        self._last[wanted] = [*(other for other in last if other != size), size][-self._sizes :]
-        return not last or size in last
+        self._last[wanted] = [*(other for other in last if other != size), size][-self._sizes * self._levels :]
+        return len(last) < levels or size in last
 
     def _make_room(self, wanted: frozenset[str], size: Shape | None) -> None:
         """Drop, of the sessions for the same outputs, those of sizes used longest ago; and the start's of any size."""
@@ -176,7 +180,7 @@ class Sessions:
         mine = [key for key in self._open if key[0] == wanted]
         others = list(dict.fromkeys(key[1] for key in reversed(mine) if key[1] != size))
         for key in mine:
-            if key[1] in others[max(0, self._sizes - 1) :]:
+            if key[1] in others[max(0, self._sizes * self._levels - 1) :]:
                 del self._open[key]
                 self._pixels.pop(key, None)
 

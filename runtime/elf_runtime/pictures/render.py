@@ -52,7 +52,8 @@ def heatmap(values: npt.NDArray[np.floating]) -> Picture:
 def draw_keypoints(image: npt.NDArray[Any], features: Features) -> Picture:
     """The image, greyed and dimmed, with a ring on each keypoint, from weak (violet) to strong (yellow).
 
-    Colours go by the keypoints' rank, so that they spread over the whole scale whatever the scores are.
+    Colours go by the keypoints' rank, so that they spread over the whole scale whatever the scores are.  Rings grow
+    with the keypoints' sizes; the smallest size has the same ring whatever `nms_radius` is.
 
     Parameters
     ----------
@@ -61,9 +62,9 @@ def draw_keypoints(image: npt.NDArray[Any], features: Features) -> Picture:
     picture = _dimmed(displayable(image), 0.75)
     colors = strength_colors(len(features))
     unit = _unit(picture)
-    radius = max(2.5, 4.0 * unit)
+    radii = max(2.5, 4.0 * unit) * features.sizes / features.sizes.min(initial=np.inf)
     # The strongest last, on top.
-    for (x, y), color in zip(features.keypoints[::-1], colors[::-1], strict=True):
+    for (x, y), radius, color in zip(features.keypoints[::-1], radii[::-1], colors[::-1], strict=True):
         circle(picture, x, y, radius, DARK, round(3 * unit))
         circle(picture, x, y, radius, color, round(1.5 * unit))
     return picture

@@ -30,14 +30,19 @@ class Features:
     keypoints : (N, 2) float32
         (x, y) in pixels of the source image; integer = pixel centre, as in OpenCV.
     scores : (N,) float32
-        Descending; ties in raster order.  The denoised saliency, on a scale where 255 is the quantile of it that
-        `DetectionParams.normalize` names (its maximum with the paper's settings).
+        Descending; ties in raster order, those of a finer scale first.  The denoised saliency, on a scale where 255 is
+        the quantile of it that `DetectionParams.normalize` names (its maximum with the paper's settings).
     descriptors : (N, D) float32
         Rows of unit L2 norm; D = 0 for a model without a descriptor.
     image_size : (height, width)
         Of the source image, in pixels; of a file, turned as its EXIF orientation says (see `image.read`).
     nms_radius : float
-        In pixels of the source image; `to_cv2` gives a keypoint the size of its window.
+        In pixels of the source image.
+    sizes : (N,) float32
+        Diameter of a keypoint's neighbourhood in pixels of the source image: its suppression window, 2 nms_radius + 1,
+        times the finest working scale over its own.
+    angles : (N,) float32
+        Orientation in degrees from 0 to below 360, clockwise from the x axis in the image, as in OpenCV; -1 is none.
     """
 
     keypoints: Array
@@ -45,6 +50,24 @@ class Features:
     descriptors: Array
     image_size: tuple[int, int]
     nms_radius: float = 10.0
+    sizes: Array = None  # type: ignore[assignment]  # an array in any instance: by default all of the finest scale
+    angles: Array = None  # type: ignore[assignment]  # by default all -1
+
+    def __post_init__(self) -> None:
+        for name, default in (("sizes", self._finest), ("angles", -1.0)):
+            given = getattr(self, name)
+            values = np.full(len(self), default, np.float32) if given is None else np.asarray(given, np.float32)
+            object.__setattr__(self, name, values)
+            if values.shape != (len(self),):
+                raise ElfError(f"{name} have shape {values.shape}, not (N,) for {len(self)} keypoints")
+        if not ((self.sizes > 0) & np.isfinite(self.sizes)).all():
+            raise ElfError("some sizes are not above 0, or not finite")
+        if not ((self.angles == -1) | ((self.angles >= 0) & (self.angles < 360))).all():
+            raise ElfError("some angles are neither in [0, 360) nor -1")
+
+    @property
+    def _finest(self) -> float:
+        return window_size(self.nms_radius, self.image_size)
 
     def __len__(self) -> int:
         return len(self.keypoints)
@@ -52,13 +75,14 @@ class Features:
     def to_cv2(self) -> tuple[list[Any], Array]:
         """``(list of cv2.KeyPoint, descriptors)``, as OpenCV's ``detectAndCompute`` returns them.
 
-        A keypoint's ``size`` is the diameter of its suppression window, its ``response`` the score; ELF gives
-        no orientation (``angle = -1``).
+        A keypoint has its ``size`` and ``angle``, the score as ``response``, and as ``octave`` how many times its
+        working scale is half of the finest, rounded.
         """
-        size = float(2 * self.nms_radius + 1)
+        octaves = np.rint(np.log2(self.sizes / self._finest)).astype(np.int64)
+        columns = (self.keypoints, self.sizes, self.angles, self.scores, octaves)
         points = [
-            cv2.KeyPoint(float(x), float(y), size, -1.0, float(s))
-            for (x, y), s in zip(self.keypoints, self.scores, strict=True)
+            cv2.KeyPoint(x, y, size, angle, score, octave)
+            for (x, y), size, angle, score, octave in zip(*(column.tolist() for column in columns), strict=True)
         ]
         return points, self.descriptors
 
@@ -67,7 +91,7 @@ class Features:
         return f"Features({len(self)} keypoints, descriptors of {self.descriptors.shape[1]}, image {width}x{height})"
 
     def save(self, path: str | os.PathLike[str], record: Mapping[str, Any] | None = None) -> None:
-        """Write a ``.npz`` (keypoints, scores, descriptors, image_size, nms_radius) or ``.csv`` (x,y,score).
+        """Write a ``.npz`` of the attributes, or a ``.csv`` (x,y,score,size,angle).
 
         Parameters
         ----------
@@ -97,16 +121,18 @@ class Features:
             descriptors=self.descriptors,
             image_size=np.asarray(self.image_size),
             nms_radius=np.float64(self.nms_radius),
+            sizes=self.sizes,
+            angles=self.angles,
             **extra,
         )
 
     def _write_csv(self, path: Path) -> None:
-        table = np.column_stack([self.keypoints, self.scores])
-        np.savetxt(path, table, delimiter=",", header="x,y,score", comments="", fmt="%.3f")
+        table = np.column_stack([self.keypoints, self.scores, self.sizes, self.angles])
+        np.savetxt(path, table, delimiter=",", header="x,y,score,size,angle", comments="", fmt="%.3f")
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Features:
-        """Read a ``.npz`` that `save` wrote.  One without nms_radius has the default.
+        """Read a ``.npz`` that `save` wrote.  One without nms_radius, sizes or angles has the defaults.
 
         Raises
         ------
@@ -122,6 +148,7 @@ class Features:
                 height, width = (int(side) for side in data["image_size"])
                 radius = float(data["nms_radius"]) if "nms_radius" in data else cls.nms_radius
                 points, scores, rows = (_floats(data, name) for name in ("keypoints", "scores", "descriptors"))
+                more = {name: _floats(data, name) for name in ("sizes", "angles") if name in data}
         except Exception as error:  # what numpy, zipfile and zlib raise on a damaged file has no common base
             raise ElfError(f"{path}: not a feature file: {reason(error)}") from error
         shapes = (points.shape, scores.shape, rows.shape)
@@ -129,7 +156,15 @@ class Features:
             raise ElfError(f"{path}: keypoints, scores and descriptors have shapes {shapes}, not (N, 2), (N,), (N, D)")
         if min(height, width) < 1 or not radius >= 0:
             raise ElfError(f"{path}: image_size is {height, width} and nms_radius {radius:g}")
-        return cls(points, scores, rows, (height, width), radius)
+        try:
+            return cls(points, scores, rows, (height, width), radius, **more)
+        except ElfError as error:
+            raise ElfError(f"{path}: {error}") from error
+
+
+def window_size(nms_radius: float, image_size: tuple[int, int]) -> float:
+    """Side of the suppression window in source pixels, which is the size of a keypoint of the finest working scale."""
+    return float(2 * min(nms_radius, max(image_size)) + 1)
 
 
 def load_record(path: str | os.PathLike[str]) -> dict[str, Any] | None:

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_runtime.errors import SettingError
-from elf_runtime.params import is_number
+from elf_runtime.values import is_number
 
 from .features import Features
 

@@ -14,27 +14,57 @@ from .features import Array, Features
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
-    """A detection with what led to it, at the working size (h, w).
+class Level:
+    """What led to the keypoints of one working scale, at its working size (h, w).
 
     Attributes
     ----------
-    features : Features
+    scale : float
+        The working scale.
     saliency : (h, w) float32
         S(I), as the graph gives it.
     scores : (h, w) float32
         The denoised saliency whose maxima the keypoints are.
     mask : (h, w) bool
         What passed the threshold (and the user's mask).
-    seconds : dict
-        Time of each stage: read, prepare, session, blur, threshold, nms, descriptors.
     """
 
-    features: Features
+    scale: float
     saliency: Array
     scores: Array
     mask: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A detection with what led to it.
+
+    Attributes
+    ----------
+    features : Features
+    levels : tuple of Level
+        Of each working scale, the finest first.
+    seconds : dict
+        Time of each stage: read, prepare, session, blur, threshold, nms, descriptors.
+    saliency, scores, mask : (h, w) arrays
+        Those of the finest level; see `Level`.
+    """
+
+    features: Features
+    levels: tuple[Level, ...]
     seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def saliency(self) -> Array:
+        return self.levels[0].saliency
+
+    @property
+    def scores(self) -> Array:
+        return self.levels[0].scores
+
+    @property
+    def mask(self) -> npt.NDArray[np.bool_]:
+        return self.levels[0].mask
 
     def __repr__(self) -> str:
         (h, w), share = self.saliency.shape, float(self.mask.mean()) if self.mask.size else 0.0

@@ -39,9 +39,10 @@ def peak():
 result = {"import_s": imported - start, "load_s": loaded - imported, "peak_loaded_bytes": peak()}
 if options["size"]:
     begin = time.perf_counter()
-    elf.warmup(tuple(options["size"]))
+    elf.warmup(tuple(options["size"]), preset=options["preset"])
     result["first_detect_s"] = time.perf_counter() - begin
-    elf.warmup(tuple(options["size"]))  # onnxruntime may plan its memory, and take it, after the first run only
+    # onnxruntime may plan its memory, and take it, after the first run only
+    elf.warmup(tuple(options["size"]), preset=options["preset"])
     result["peak_detect_bytes"] = peak()
 print(json.dumps(result))
 """
@@ -58,15 +59,17 @@ def start_up(model: str | None, provider: str | None, threads: int, repeats: int
 
 
 def peak_memory(
-    model: str | None, provider: str | None, threads: int, size: tuple[int, int]
+    model: str | None, provider: str | None, threads: int, size: tuple[int, int], preset: str | None = None
 ) -> dict[str, float | None]:
     """Peak resident bytes of a fresh process: model loaded, and after two detections at `size` (H, W)."""
-    run = _run(model, provider, threads, size)
+    run = _run(model, provider, threads, size, preset)
     return {key: run[key] for key in ("peak_loaded_bytes", "peak_detect_bytes", "first_detect_s")}
 
 
-def _run(model: str | None, provider: str | None, threads: int, size: tuple[int, int] | None) -> dict[str, Any]:
-    options = {"model": model, "provider": provider, "threads": threads, "size": size}
+def _run(
+    model: str | None, provider: str | None, threads: int, size: tuple[int, int] | None, preset: str | None = None
+) -> dict[str, Any]:
+    options = {"model": model, "provider": provider, "threads": threads, "size": size, "preset": preset}
     # The child must find the package that runs here, even if it is not installed.
     package = str(Path(elf_runtime.__file__).resolve().parents[1])
     known = os.environ.get("PYTHONPATH")

@@ -7,11 +7,13 @@ import json
 import numpy as np
 import pytest
 from command_line import METHOD, error_of, write_suite
+from scenes import write_strecha
 
 from elf_eval.bench.pareto import Study
 from elf_eval.cli import main
+from elf_eval.metrics.families import SHARES
 from elf_eval.report import plots
-from elf_eval.report.pareto import markdown
+from elf_eval.report.pareto import _axis, _title, markdown
 
 
 def test_pareto_names_the_method_that_is_not_here(hpatches_folder, photo_file, tmp_path, monkeypatch, capsys):
@@ -75,7 +77,7 @@ def test_one_command_writes_data_page_and_picture(measured, tmp_path, capsys):
     assert [p["name"] for p in data["points"]] == ["SIFT", "a.b ORB", "no descriptors"]
     assert data["points"][0]["ratio"]["value"] == 1.0
     assert data["points"][2]["quality"]["ms"] is None
-    assert any(p["on_front"] for p in data["points"])
+    assert {metric for p in data["points"] for metric in p["on_front"]} >= {"ms", "h_auc@3", "mma@1"}
     assert data["about"]["image"] == "photo.png"
     assert (data["about"]["width"], data["about"]["height"]) == (160, 120)
     page = (tmp_path / "new" / "p.md").read_text()
@@ -84,7 +86,11 @@ def test_one_command_writes_data_page_and_picture(measured, tmp_path, capsys):
     results = json.loads((tmp_path / "s" / "results.json").read_text())
     lit = [p["metrics"]["ms"] for p in results["pairs"] if (p["scene"], p["method"]) == ("i_light", "SIFT")]
     assert f"| SIFT | {100 * np.mean(lit):.1f} | " in page
-    assert (tmp_path / "new" / "p.png").exists() == plots.available()
+    for name in ("p.png", "p-h_auc-3.png"):
+        assert (tmp_path / "new" / name).exists() == plots.available()
+        assert (f"]({name})" in page) == plots.available()
+    assert "On the front of ms or H AUC@3: " in page
+    assert "| rep | ms | MMA@3 | H AUC@1 / 3 / 5 |\n" in page
 
 
 def test_a_redrawn_page_is_the_same(measured, tmp_path):
@@ -93,8 +99,46 @@ def test_a_redrawn_page_is_the_same(measured, tmp_path):
     before = page.read_text()
     page.unlink()
     assert main([*measured, "--redraw"]) == 0
-    picture = "p.png" if plots.available() else None
-    assert page.read_text() == before == markdown(Study.load(tmp_path / "new" / "p.json"), picture)
+    metrics = ["ms", "h_auc@3"]
+    pictures = dict(zip(metrics, ["p.png", "p-h_auc-3.png"], strict=True)) if plots.available() else {}
+    assert page.read_text() == before == markdown(Study.load(tmp_path / "new" / "p.json"), metrics, pictures)
+
+
+def test_any_shares_are_drawn_where_the_picture_is_asked_for(measured, tmp_path, capsys):
+    (tmp_path / "images").mkdir()
+    asked = ["--metrics", "h_auc@5,mma@1,rep", "--picture", str(tmp_path / "images" / "q.png")]
+    assert main([*measured, *asked]) == 0
+    names = ["q.png", "q-mma-1.png", "q-rep.png"] if plots.available() else []
+    assert sorted(path.name for path in (tmp_path / "images").iterdir()) == sorted(names)
+    page = (tmp_path / "new" / "p.md").read_text()
+    assert all(f"](../images/{name})" in page for name in names)
+    assert "| H AUC@1 / 3 / 5 | MMA@1 |" in page
+    assert "On the front of H AUC@5 or MMA@1 or rep: " in page
+    capsys.readouterr()
+    for redraw in ([], ["--redraw"]):
+        for metric, words in (("n1", "unknown metric 'n1'"), ("h_error", "can't be averaged"), ("epi@1", "'epi@1'")):
+            (line,) = error_of([*measured, *redraw, "--metrics", metric], capsys)
+            assert words in line
+
+
+def test_cameras_have_columns_and_pictures_of_their_own(photo_file, tmp_path, capsys):
+    write_strecha(tmp_path / "wall", depth=False)
+    suite = tmp_path / "s.toml"
+    text = SUITE.replace("hpatches:{folder}", f"strecha:{tmp_path / 'wall'}").replace("orb", "orb?ratio=0.9")
+    suite.write_text(text.partition("[groups]")[0] + text[text.index("[[method]]") :])
+    assert main(["run", str(suite), "--out", str(tmp_path), "--cache", str(tmp_path / "c"), "--quiet"]) == 0
+    quick = ["--image", str(photo_file), "--repeats", "2", "--warmup", "1", "--threads", "1"]
+    results = str(tmp_path / "s" / "results.json")
+    assert main(["pareto", str(suite), results, *quick, "--out", str(tmp_path / "p")]) == 0
+    page = (tmp_path / "p.md").read_text()
+    assert "| keypoints (least) | pose AUC@5 / 10 / 20 | epi@1 / 3 | epi median, px |\n" in page
+    assert "Matches pass a ratio test, but for ms: a.b ORB 0.9." in page
+    assert (tmp_path / "p-epi-1.png").exists() == plots.available()
+
+
+def test_every_share_has_a_name_in_tables_and_on_axes():
+    assert all(_title(metric) and _axis(metric) for metric in SHARES)
+    assert (_title("h_auc@3"), _axis("pose_auc@10")) == ("H AUC@3", "pose AUC up to 10 degrees")
 
 
 @pytest.mark.parametrize(

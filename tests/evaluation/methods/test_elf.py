@@ -65,6 +65,19 @@ def test_sift_keypoints_with_elf_descriptors(model, image):
     assert np.array_equal(found.descriptors, expected)
 
 
+def test_scales_with_their_sizes(model, image):
+    method = open_method(f"elf:{model}?scales=0.3,0.6,1.2&nms_radius=3&threshold=none")
+    found = method.extract(image, 60)
+    direct = ElfRuntime(model).detect(
+        image.pixels, scales=(0.3, 0.6, 1.2), nms_radius=3, threshold="none", max_keypoints=60
+    )
+    assert np.array_equal(found.sizes, direct.sizes)
+    assert set(found.sizes.tolist()) == {7, 14, 28}
+    assert (found.angles == -1).all()
+    assert np.allclose(method.describe(image, found).descriptors, found.descriptors, atol=1e-5)
+    assert len(open_method("elf?preset=multiscale", 1).extract(image, 30)) <= 30
+
+
 @pytest.mark.parametrize("option", ["descriptor=pool9", "preset=none", "nms_radius=-1"])
 def test_a_setting_that_the_model_refuses_is_named(model, option):
     with pytest.raises(EvalError, match=option.split("=")[1]):

@@ -39,6 +39,16 @@ def test_precomputed_keypoints_follow_the_resized_image(photo_file, tmp_path):
     assert open_method(f"npz:{tmp_path}?frame=working").extract(half, 5).keypoints.tolist() == [[11.5, 21.5]]
 
 
+def test_precomputed_sizes_and_angles_follow_their_keypoints(photo_file, tmp_path):
+    half = ImageRef("photo.png", photo_file).open((100, 80))
+    more = {"scores": np.float32([1, 2]), "sizes": np.float32([13, 26]), "angles": np.float32([-1, 90])}
+    write_npz(tmp_path, "photo.png", [[10, 10], [30, 30]], **more)
+    for frame, sizes in (("source", [13, 6.5]), ("working", [26, 13])):
+        found = open_method(f"npz:{tmp_path}?frame={frame}").extract(half, 5)
+        assert found.sizes.tolist() == pytest.approx(sizes)
+        assert found.angles.tolist() == [90, -1]
+
+
 def test_precomputed_h5_in_hlocs_style(image, tmp_path):
     h5py = pytest.importorskip("h5py")
     descriptors = np.arange(6, dtype=np.float32).reshape(3, 2)  # (D, N)

@@ -64,6 +64,34 @@ def test_a_calibrated_pair_without_depth_has_the_pose_alone(cloud):
     assert not {"rep", "ms", "mma@3", "h_error"} & record.keys()
 
 
+def test_matches_of_a_true_pair_lie_on_their_lines(cloud):
+    record = pair_metrics(*cloud, PROTOCOL)
+    assert (record["epi_right@1"], record["epi_right@3"]) == (100, 100)
+    assert record["epi@1"] == record["epi@3"] == 1.0
+    assert record["epi_median"] < 1e-3  # keypoints are float32
+
+
+def test_cameras_of_one_centre_have_no_lines(cloud):
+    first, second, truth = cloud
+    turned = np.reshape(truth.transform, (4, 4)).copy()
+    turned[:3, 3] = 0.0
+    record = pair_metrics(first, second, replace(truth, transform=flat(turned)), PROTOCOL)
+    assert not [name for name in record if name.startswith("epi")]
+    assert "pose_error" in record
+
+
+def test_the_ratio_is_for_the_matches_and_not_for_the_papers_scores():
+    """Two of four descriptors are nearly alike."""
+    points = [[100.0, 100.0], [200.0, 100.0], [150.0, 300.0], [400.0, 280.0]]
+    rows = np.array([[1, 0, 0], [0.999, 0.01, 0], [0, 1, 0], [0, 0, 1]], np.float32)
+    first, second = extracted(points, rows), extracted(points, rows + np.float32([0, 0, 0.008]))
+    plain = pair_metrics(first, second, Homography(), PROTOCOL)
+    strict = pair_metrics(first, second, Homography(), replace(PROTOCOL, ratio=0.5))
+    assert (plain["matches"], strict["matches"]) == (4, 2)
+    assert plain["ms"] == strict["ms"] == 1.0
+    assert (plain["h_error"], strict["h_error"]) == (pytest.approx(0.0, abs=1e-6), None)
+
+
 def test_a_calibrated_pair_with_depth_has_the_papers_metrics_too(tmp_path):
     _, without = calibrated()
     np.save(tmp_path / "wall.npy", np.full((480, 640), 10.0, np.float32))  # near enough for both cameras

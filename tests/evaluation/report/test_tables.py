@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from made_results import PLACED, POSED, page, pair, results
+from made_results import LINED, PLACED, POSED, page, pair, results
 
 from elf_eval.metrics.auc import auc_trapezoids
 from elf_eval.report.tables import build
@@ -39,6 +39,18 @@ def test_pairs_without_an_estimate_count_as_failures():
     (table,) = build(results(pairs), TableEntry("All"))
     wanted = " / ".join(f"{100 * auc_trapezoids([3.0, math.inf], t):.1f}" for t in (5, 10, 20))
     assert table.rows[0][table.header.index("the same, as SuperGlue")] == wanted
+
+
+def test_the_columns_of_epipolar_lines():
+    nothing = {"epi_right@1": 0, "epi_right@3": 0, "epi@1": 0.0, "epi@3": 0.0, "epi_median": None}
+    better = {**LINED, "epi_right@1": 9, "epi_median": 0.125}
+    (table,) = build(results([pair("a", 1, LINED), pair("a", 2, better), pair("b", 1, nothing)]), TableEntry("All"))
+    assert table.header[2:] == ["epi@1 / 3", "right within 1 / 3 px", "epi median, px"]
+    assert table.rows[0][2:] == ["30.0 / 40.0", "4 / 4", "0.25 (1 of 3 pairs without)"]
+    (table,) = build(results([pair("a", 1, LINED), pair("b", 1, nothing)]), TableEntry("All"))
+    assert table.rows[0][-1] == "- (1 of 2 pairs without)"
+    (table,) = build(results([pair("a", 1, LINED), pair("b", 1, better)]), TableEntry("All"))
+    assert table.rows[0][-1] == "0.19"
 
 
 def test_tables_by_parameter_have_the_views_counts():

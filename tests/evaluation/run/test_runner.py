@@ -64,3 +64,20 @@ def test_equal_counts_have_a_floor(suite, resources):
         kept = max(40, fewest) if pair.counts == "equal" else 60
         assert pair.metrics["n1"] == min(own[pair.method, pair.first], kept)
     assert any(fewest < 40 for (method, _), fewest in own.items() if method == "few")
+
+
+def test_a_method_s_own_ratio_goes_before_the_protocol_s(suite, resources):
+    methods = [
+        MethodEntry("plain", "sift"),
+        MethodEntry("own", "sift?ratio=0.5"),
+        MethodEntry("both", "gftt?ratio=0.9", "sift?ratio=0.5"),
+        MethodEntry("detector's", "gftt?ratio=0.9", "sift"),
+    ]
+    results = run(replace(suite, methods=methods, protocol=replace(suite.protocol, ratio=0.7)), resources)
+    assert {m["name"]: m["ratio"] for m in results.methods} == {
+        "plain": 0.7, "own": 0.5, "both": 0.5, "detector's": 0.9
+    }  # fmt: skip
+    plain, own = (results.of("two", name, "own") for name in ("plain", "own"))
+    assert all(a.metrics["ms"] == b.metrics["ms"] for a, b in zip(plain, own, strict=True))
+    assert sum(p.metrics["matches"] for p in own) < sum(p.metrics["matches"] for p in plain)
+    assert len(list(resources.cache.glob("*/*.npz"))) == 6 * 3  # of the six images: SIFT, GFTT, and GFTT with SIFT

@@ -42,6 +42,10 @@ def test_a_fixed_size_has_no_working_scale(tmp_path: Path, monkeypatch: pytest.M
     message = r"takes images of 48x40 \(width x height\) only, .*: --set scale=0.5 can't be chosen, leave it out"
     with pytest.raises(ExportError, match=message):
         export_onnx(saved(small.classifier(), tmp_path), "logits", [], tmp_path / "elf.onnx", detection={"scale": 0.5})
+    with pytest.raises(ExportError, match=message.replace("scale=0.5", "scales=0.5,1.0")):
+        export_onnx(
+            saved(small.classifier(), tmp_path), "logits", [], tmp_path / "b.onnx", detection={"scales": (1, 0.5)}
+        )
 
 
 def test_an_opset_that_the_model_can_t_become(tmp_path: Path) -> None:

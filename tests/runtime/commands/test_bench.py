@@ -55,6 +55,20 @@ def test_reports_every_stage_and_peer(tmp_path: Path, capsys: pytest.CaptureFixt
     assert ratio == pytest.approx(medians[1] / medians[0], abs=0.0051)
 
 
+def test_a_preset_is_what_is_timed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    counts = []
+    for name in ("multiscale", "accurate"):
+        given = ["--sizes", "96x128", "--peers", "none", "--preset", name, "--json", tmp_path / "b.json"]
+        assert bench(*given) == 0
+        report = json.loads((tmp_path / "b.json").read_text())
+        assert report["preset"] == name
+        assert f"preset {name}" in capsys.readouterr().out
+        counts.append(report["sizes"][0]["keypoints"]["elf"])
+    elf, image = ElfRuntime(TINY, threads=1), synthetic(96, 128)
+    assert counts == [len(elf.detect(image, preset=name)) for name in ("multiscale", "accurate")]
+    assert counts[0] != counts[1]
+
+
 @pytest.mark.parametrize(
     ("target", "status", "reason"),
     [("p.png", 2, "p.png is the image"), ("nodir/b.json", 1, "there is no folder nodir")],

@@ -59,6 +59,21 @@ def test_any_setting_can_be_set(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert found == json.loads(json.dumps(elf.params("paper", **settings).to_dict()))
 
 
+def test_scales_in_files_and_record(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    image, out = write(tmp_path / "a.png"), tmp_path / "out"
+    assert detect(image, "-o", out, "--set", "scales=0.5,1", "--set", "threshold=none", "--json", "-") == 0
+    wanted = ElfRuntime(TINY).detect(image, scales=(1.0, 0.5), threshold="none")
+    assert len(set(wanted.sizes.tolist())) == 2
+    np.testing.assert_array_equal(Features.load(out / "a.npz").sizes, wanted.sizes)
+    table = np.loadtxt(out / "a.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(table[:, 3], wanted.sizes, atol=1e-3)
+    assert json.loads(capsys.readouterr().out)["settings"]["scales"] == [0.5, 1.0]
+    assert detect(image, "-o", out, "--preset", "multiscale", "--scale", 0.5, "--overwrite", "--json", "-") == 0
+    found = json.loads(capsys.readouterr().out)["settings"]
+    assert (found["scale"], found["scales"]) == (0.5, [])
+    assert detect(image, "-o", out, "--set", "scales=0.5,0.5") == 2
+
+
 def test_keypoints_are_in_the_turned_image_or_in_stored_pixels(tmp_path: Path) -> None:
     (tmp_path / "a.jpg").write_bytes(turned_jpeg(synthetic(96, 128)))
     (tmp_path / "roi.jpg").write_bytes(turned_jpeg(np.full((96, 128), 255, np.uint8)))

@@ -55,6 +55,8 @@ def test_ransac_finds_the_shift(pair: tuple[Path, Path], tmp_path: Path) -> None
         assert saved["pairs"].shape == (summary["matches"], 2)
         assert np.abs(moved[saved["inliers"]] + SHIFT).max() <= 3.0
         np.testing.assert_allclose(saved["matrix"], summary["matrix"])
+        for name in ("scores", "sizes", "angles"):
+            assert saved[f"{name}_a"].shape == saved[f"{name}_b"].shape == (summary["matches"],)
 
 
 def test_without_a_fit_every_match_is_an_inlier(pair: tuple[Path, Path], tmp_path: Path) -> None:

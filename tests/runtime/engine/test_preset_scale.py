@@ -41,8 +41,11 @@ def test_a_preset_s_scale_is_not_for_a_model_of_one_size(monkeypatch: pytest.Mon
     elf = ElfRuntime(TINY, threads=1)
     spec = replace(elf.contract.input, height=60, width=80)
     monkeypatch.setattr(elf._network, "contract", replace(elf.contract, input=spec))
-    for name in ("fast", "accurate"):
+    for name in ("fast", "accurate", "multiscale"):
         assert elf.trace(image, preset=name).saliency.shape == (60, 80)
         assert elf.params(name) == preset(name).updated(scale=1.0)
         with pytest.raises(SettingError, match=r"80x60 \(width x height\) only.*scale 0.28 can't be chosen"):
             elf.detect(image, preset=name, scale=0.28)
+        with pytest.raises(SettingError, match=r"80x60 \(width x height\) only.*scale 0.9 can't be chosen"):
+            elf.detect(image, preset=name, scales=(0.45, 0.9))
+    assert np.unique(elf.detect(image, scales=(1.0,)).sizes).size == 1

@@ -54,7 +54,7 @@ def test_the_bundled_file_suits_the_provider(monkeypatch: pytest.MonkeyPatch, pr
     assert caught.value.args == (str(bundled_model(precision)),)
 
 
-@pytest.mark.parametrize("name", ["fast", "default", "accurate"])
+@pytest.mark.parametrize("name", ["fast", "default", "accurate", "multiscale"])
 @pytest.mark.parametrize("ground", [(200, 150, 100), (60, 160, 220)])
 def test_the_edge_of_a_plain_coloured_image_is_no_keypoint(name: str, ground: tuple[int, int, int]) -> None:
     """The network's zero padding is an edge there, which the presets' borders leave out."""
@@ -131,15 +131,17 @@ def test_the_bundled_model_says_which_it_is() -> None:
 
 def test_the_presets_are_these() -> None:
     assert PRESETS == (
-        "fast", "default", "accurate", "paper", "paper-webcam", "paper-robust", "paper-components"
+        "fast", "default", "accurate", "multiscale", "paper", "paper-webcam", "paper-robust", "paper-components"
     )  # fmt: skip
     common = {"normalize": 0.95, "nms_radius": 6, "subpixel": True}
     assert preset("fast") == DetectionParams(denoise=(3, 0.8), scale=0.28, border=20, min_contrast=1.0, **common)
     assert preset("default") == DetectionParams(denoise=(5, 1.2), scale=0.45, border=14, **common)
     assert preset("accurate") == DetectionParams(denoise=(7, 1.8), scale=0.75, border=12, **common)
-    for name in ("fast", "default", "accurate"):
+    assert preset("multiscale") == preset("default").updated(scales=(0.225, 0.45, 0.9), denoise=(3, 0.8))
+    for name in ("fast", "default", "accurate", "multiscale"):
         assert preset(name, "xception") == preset(name)
-        assert f"{preset(name).scale:g}" in (preset.__doc__ or "")
+        for scale in preset(name).working_scales:
+            assert f"{scale:g}" in (preset.__doc__ or "")
 
 
 def test_the_paper_s_table() -> None:

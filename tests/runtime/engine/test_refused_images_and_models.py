@@ -114,7 +114,7 @@ def test_a_network_that_fails_says_why_in_one_line(
             raise error
 
     elf = ElfRuntime(TINY)
-    monkeypatch.setattr(elf._network.sessions, "get", lambda *_: (Failing(), None))
+    monkeypatch.setattr(elf._network.sessions, "get", lambda *_, **__: (Failing(), None))
     with pytest.raises(ElfError) as caught:
         elf.detect(textured(64, 80))
     assert str(caught.value) == f"{TINY}: the network failed on a (1, 64, 80, 3) input: {text}"

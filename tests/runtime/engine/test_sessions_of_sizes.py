@@ -191,3 +191,40 @@ def test_without_sizes_one_session_does_all(monkeypatch: pytest.MonkeyPatch) -> 
     elf.detect(textured(96, 80))
     elf.detect(textured(80, 64))
     assert opened == [{}]
+
+
+def test_an_image_s_scales_are_one_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    elf = ElfRuntime(TINY, threads=1, sizes=1)
+    opened = count_sessions(monkeypatch)
+    for seed in range(3):
+        elf.detect(textured(120, 160, seed), scales=(0.3, 0.6, 1.2))
+    assert [dims["H"] for dims in opened] == [144, 72, 36]
+    assert len(elf._network.sessions) == 3
+    elf.detect(textured(60, 80), scales=(0.6, 1.2))  # of sizes that are there
+    assert len(opened) == 3
+    for _ in range(2):
+        elf.detect(textured(80, 80), scales=(0.3, 0.6, 1.2))
+    assert [dims.get("H") for dims in opened[3:]] == [None, 96, 48, 32]
+    assert len(elf._network.sessions) == 3
+
+
+def test_warmup_opens_the_session_of_every_scale(monkeypatch: pytest.MonkeyPatch) -> None:
+    elf = ElfRuntime(TINY, threads=1)
+    elf.detect(textured(64, 80))
+    opened = count_sessions(monkeypatch)
+    for size in ((120, 160), (96, 128)):
+        elf.warmup(size, params=elf.params(scales=(0.5, 1.0)))
+    assert [dims["H"] for dims in opened] == [120, 60, 96, 48]
+    for size in ((96, 128), (120, 160)):
+        elf.detect(textured(*size), scales=(0.5, 1.0))
+    assert len(opened) == 4
+    assert len(elf._network.sessions) == 4  # those of the first image have made room
+
+
+def test_scales_open_no_session_again_and_again_on_other_providers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sessions, "is_cpu", lambda _: False)
+    elf = ElfRuntime(TINY, threads=1, sizes=1)
+    opened = count_sessions(monkeypatch)
+    for seed in range(3):
+        elf.detect(textured(120, 160, seed), scales=(0.3, 0.6, 1.2))
+    assert len(opened) == 3

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from elf_runtime import Features, Trace
+from elf_runtime import Features, Level, Trace
 from elf_runtime.pictures.canvas import side_by_side, strength_colors, titled
 from elf_runtime.pictures.render import (
     INLIER,
@@ -71,6 +73,13 @@ def test_rings_lie_around_their_keypoints() -> None:
     assert image.max() == 0  # the caller's image is left alone
 
 
+def test_rings_grow_with_sizes() -> None:
+    found = replace(features([(60, 60), (140, 60)], (120, 200)), sizes=np.array([13, 39], np.float32))
+    drawn = draw_keypoints(np.zeros((120, 200), np.uint8), found)
+    widths = [np.ptp(np.flatnonzero(drawn[60, part].any(axis=1))) for part in (slice(40, 80), slice(110, 170))]
+    assert 1.5 * widths[0] < widths[1] < 3 * widths[0]
+
+
 def test_strong_is_yellow_and_weak_is_violet() -> None:
     strong, *_, weak = strength_colors(10)
     assert strong[2] > 200
@@ -93,7 +102,8 @@ def test_a_detection_picture_has_three_equal_panels(size: tuple[int, int]) -> No
     image = rng.integers(0, 256, (*size, 3), np.uint8)
     work = (size[0] // 2, size[1] // 2)
     found = features([(5, 5), (20, 30)], size)
-    trace = Trace(found, rng.random(work, np.float32), rng.random(work, np.float32), rng.random(work) > 0.5)
+    level = Level(0.5, rng.random(work, np.float32), rng.random(work, np.float32), rng.random(work) > 0.5)
+    trace = Trace(found, (level,))
     picture = detection_picture(image, trace, "name.png")
     assert picture.dtype == np.uint8
     assert (picture.shape[1] - 12) % 3 == 0
@@ -103,7 +113,7 @@ def test_a_detection_picture_has_three_equal_panels(size: tuple[int, int]) -> No
 
 def test_a_detection_without_keypoints_has_a_picture() -> None:
     zero = np.zeros((64, 64), np.float32)
-    trace = Trace(features([], (64, 64)), zero, zero, zero > 0)
+    trace = Trace(features([], (64, 64)), (Level(1.0, zero, zero, zero > 0),))
     assert detection_picture(np.zeros((64, 64), np.uint8), trace).ndim == 3
 
 

@@ -31,13 +31,13 @@ def arrays(count: int = 3) -> dict[str, Any]:
 def test_on_disk(features: Features, tmp_path: Path) -> None:
     features.save(tmp_path / "f.npz")
     found = Features.load(tmp_path / "f.npz")
-    for name in ("keypoints", "scores", "descriptors"):
+    for name in ("keypoints", "scores", "descriptors", "sizes", "angles"):
         np.testing.assert_array_equal(getattr(found, name), getattr(features, name))
     assert (found.image_size, found.nms_radius) == (features.image_size, 4)
     assert found.to_cv2()[0][0].size == features.to_cv2()[0][0].size == 9
     features.save(tmp_path / "f.csv")
     lines = (tmp_path / "f.csv").read_text().splitlines()
-    assert lines[0] == "x,y,score"
+    assert lines[0] == "x,y,score,size,angle"
     assert len(lines) == len(features) + 1
     assert sorted(p.name for p in tmp_path.iterdir()) == ["f.csv", "f.npz"]
     with pytest.raises(ElfError, match=r"saved as \.npz or \.csv"):
@@ -63,7 +63,7 @@ def test_a_radius_of_zero_is_read_again(tmp_path: Path) -> None:
 def test_csv_has_thousandths(tmp_path: Path) -> None:
     points, scores = np.array([[3.125, 4.0]], np.float32), np.array([9.875], np.float32)
     Features(points, scores, np.zeros((1, 0), np.float32), (20, 30)).save(tmp_path / "f.csv")
-    assert (tmp_path / "f.csv").read_text().splitlines() == ["x,y,score", "3.125,4.000,9.875"]
+    assert (tmp_path / "f.csv").read_text().splitlines() == ["x,y,score,size,angle", "3.125,4.000,9.875,21.000,-1.000"]
 
 
 def flipped(data: bytes) -> bytes:
@@ -143,6 +143,13 @@ def test_loading_runs_no_code_of_the_file(tmp_path: Path) -> None:
         {"descriptors": np.array([["a"] * 4] * 3)},
         {"nms_radius": np.array([1.0, 2.0])},
         {"nms_radius": np.nan},
+        {"sizes": np.ones(2, np.float32)},
+        {"sizes": np.ones(3, np.uint8)},
+        {"sizes": np.array([1, 0, 1], np.float32)},
+        {"sizes": np.array([1, np.inf, 1], np.float32)},
+        {"angles": np.ones((3, 1), np.float32)},
+        {"angles": np.array([0, -2, 0], np.float32)},
+        {"angles": np.array([0, np.nan, 0], np.float32)},
     ],
     ids=lambda changed: "-".join(f"{key}{np.shape(value)}" for key, value in changed.items()),
 )

@@ -18,6 +18,7 @@ from elf_export.sources.describing import check_others, names_another_network
 from elf_export.sources.geometry import longest_period, measured_fields
 from elf_export.sources.source import Source
 from elf_runtime import DetectionParams, WeightsSpec
+from elf_runtime.params import setting_text
 
 from .load import load_model
 from .prepare import Prepared, prepare
@@ -78,10 +79,11 @@ def foreign_detector(request: Request, log: Callable[[str], None]) -> Source:
 
 def _require_scale(prepared: Prepared, detection: DetectionParams) -> None:
     fixed = prepared.sizes.width, prepared.sizes.height
-    if detection.scale != 1.0 and any(fixed):
+    if detection.working_scales != (1.0,) and any(fixed):
+        name = "scales" if detection.scales else "scale"
         raise ExportError(
             f"the model takes images of {fixed[0] or 'any'}x{fixed[1] or 'any'} (width x height) only, to which "
-            f"the runtime resizes: --set scale={detection.scale:g} can't be chosen, leave it out"
+            f"the runtime resizes: --set {name}={setting_text(getattr(detection, name))} can't be chosen, leave it out"
         )
 
 
