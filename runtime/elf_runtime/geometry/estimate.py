@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from elf_runtime.errors import SettingError
 from elf_runtime.image.file import ImageLike
-from elf_runtime.results.features import Features
+from elf_runtime.results.features import Array, Features
 from elf_runtime.results.matches import Matches
 
 from .cameras import Cameras
@@ -33,13 +35,15 @@ def estimate(
     """The geometry between two images, or None where the matches do not support one.
 
     Supported is what chance would hardly give: as many inliers among as many unrelated matches are expected less than
-    0.001 times (`TwoView.chance`).  Images of different scenes give None.
+    0.001 times (`TwoView.chance`).  Images of different scenes give None.  So do inliers that lie on one line in one of
+    the images, to within the threshold: they leave the geometry open.
 
     Parameters
     ----------
     a, b : Features
     kind : "homography", "fundamental" or "essential"
-        For a plane or a camera that only turns; for any rigid scene; for one seen by known cameras.
+        For a plane or a camera that only turns; for any rigid scene; for one seen by known cameras.  Of a plane alone,
+        a fundamental matrix is one of many that fit.
     K : (3, 3), or a pair of such
         Calibration matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] of the camera, in pixels, or the first image's and the
         second's; for an essential matrix.  Images are taken to be free of distortion.
@@ -87,4 +91,13 @@ def estimate(
     if images is not None:
         second = refine(matches, a, b, *images)
     view = fit(first, second, kind, search, cameras)
-    return replace(view, indices=matches.indices, points=(first, second)) if view.supported else None
+    if not view.supported or any(_on_a_line(side[view.inliers], search.distance(kind)) for side in (first, second)):
+        return None
+    return replace(view, indices=matches.indices, points=(first, second))
+
+
+def _on_a_line(points: Array, within: float) -> bool:
+    """Whether the root mean square distance of (M, 2) points from the line that fits them best is no more than that."""
+    centred = points.astype(np.float64) - points.mean(axis=0, dtype=np.float64)
+    across = np.linalg.svd(centred, compute_uv=False)[-1]
+    return bool(across <= within * np.sqrt(len(points)))

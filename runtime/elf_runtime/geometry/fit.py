@@ -68,6 +68,10 @@ class Search:
         if not (is_int(self.max_iterations) and 1 <= self.max_iterations < 2**31):
             raise SettingError(f"max_iterations is an integer from 1 on, not {self.max_iterations!r}")
 
+    def distance(self, kind: str) -> float:
+        """The threshold in pixels for this kind of geometry: the given one, or the default."""
+        return THRESHOLDS[kind] if self.threshold is None else float(self.threshold)
+
 
 def fit(
     first: npt.NDArray[np.float32],
@@ -98,7 +102,7 @@ def fit(
     if kind == "essential" and cameras is None:
         raise SettingError("an essential matrix needs K, the cameras' calibration matrices")
     search = search or Search()
-    threshold = THRESHOLDS[kind] if search.threshold is None else float(search.threshold)
+    threshold = search.distance(kind)
     none = TwoView(kind, None, np.zeros(len(first), np.bool_))
     if len(first) < LEAST_MATCHES[kind]:
         return none

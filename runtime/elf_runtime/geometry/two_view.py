@@ -79,14 +79,14 @@ def expected_by_chance(matches: int, inliers: int, kind: str, threshold: float, 
     threshold : float
         t, in pixels.
     size : (height, width)
-        Of the image, or of the part of it that has matches.
+        Of the image, or of the part of it that has matches; a side counts as one pixel at least.
     """
     sample, solutions = MINIMAL[kind]
     if inliers <= sample:
         return math.inf
-    area = max(1.0, size[0]) * max(1.0, size[1])
-    within = math.pi * threshold**2 if kind == "homography" else 2 * threshold * math.hypot(*size)
-    log_p = math.log(min(1.0, within / area))
+    height, width = max(1.0, size[0]), max(1.0, size[1])
+    within = math.pi * threshold**2 if kind == "homography" else 2 * threshold * math.hypot(height, width)
+    log_p = math.log(min(1.0, within / (height * width)))
     logs = math.log(solutions * (matches - sample)) + _log_choose(matches, inliers) + _log_choose(inliers, sample)
     return math.exp(min(700.0, logs + (inliers - sample) * log_p))
 

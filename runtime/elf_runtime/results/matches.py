@@ -80,8 +80,11 @@ class Matches:
         Raises
         ------
         SettingError
-            If the matches are not of these features: an index is beyond their number.
+            If these are no Features, or not those of the matches: an index is beyond their number.
         """
+        for side in (first, second):
+            if not isinstance(side, Features):
+                raise SettingError(f"points are of Features, as of ElfRuntime.detect, not of {type(side).__name__}")
         counts = (len(first), len(second))
         if len(self) and ((self.indices < 0) | (self.indices >= counts)).any():
             most = tuple(self.indices.max(axis=0).tolist())

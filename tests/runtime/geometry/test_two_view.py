@@ -116,6 +116,7 @@ def test_chance_at_its_limits() -> None:
     assert expected_by_chance(4, 4, "homography", 3.0, (400, 600)) == math.inf  # a sample fits itself
     assert expected_by_chance(100, 60, "homography", 300.0, (400, 600)) > 1  # everything is near everything
     assert expected_by_chance(100, 60, "homography", 3.0, (0, 0)) > 1
+    assert expected_by_chance(100, 60, "fundamental", 3.0, (0, 0)) > 1
     assert 0 <= expected_by_chance(100_000, 99_000, "fundamental", 1.0, (4000, 6000)) < 1e-300
     assert expected_by_chance(100_000, 50, "fundamental", 1.0, (4000, 6000)) > 1e30
 
