@@ -37,9 +37,10 @@ def descriptor_specs(
     model: onnx.ModelProto,
     layers: Sequence[str],
     fields: Mapping[str, Field],
+    scales: Mapping[str, float],
     reductions: Mapping[str, ReductionSpec] | None = None,
 ) -> tuple[DescriptorSpec, ...]:
-    """Output, dimension, geometry and reduction, if any, of each descriptor layer."""
+    """Output, dimension, geometry, scale and reduction, if any, of each descriptor layer."""
     dims = {value.name: value.type.tensor_type.shape.dim[-1].dim_value for value in model.graph.output}
     return tuple(
         DescriptorSpec(
@@ -49,6 +50,7 @@ def descriptor_specs(
             fields[name].stride,
             fields[name].offset,
             (reductions or {}).get(name),
+            scales[name],
         )
         for name in layers
     )

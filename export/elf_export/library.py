@@ -28,6 +28,8 @@ def export_network(
     detection: Wanted = None,
     preprocessing: Preprocessing | Literal["paper", "own"] = "paper",
     desc_weights: str | os.PathLike[str] | None = None,
+    pool: str = "max",
+    desc_scale: float = 1.0,
     reduction: Reduction | None = None,
     compression: Compression | None = None,
     calibration: str | os.PathLike[str] | None = None,
@@ -59,6 +61,10 @@ def export_network(
         For the detector: the paper's standardisation, what the network was trained with, or any other.
     desc_weights : path, optional
         Weights of the other network that describes, as `weights`.
+    pool : "max" or "average"
+        "average": the detector averages where the network takes maxima; layers that describe keep their pooling.
+    desc_scale : float
+        Share of the height and width of the detector's image at which the describing layers see it; the graph resizes.
     reduction : Reduction, optional
         Fewer values a descriptor, in every descriptor layer; the layers' channels as they are by default.
     compression : Compression, optional
@@ -86,7 +92,8 @@ def export_network(
         Request(
             net=name, layer=layer, desc=desc, output=output, weights=weights, desc_weights=desc_weights,
             offline=offline, preprocess=preprocessing, opset=opset, force=force, detection=as_mapping(detection),
-            reduction=reduction, compression=compression, calibration=calibration, precision=precision,
+            pool=pool, desc_scale=desc_scale, reduction=reduction, compression=compression,
+            calibration=calibration, precision=precision,
         ),
         log,
     )  # fmt: skip
@@ -105,6 +112,8 @@ def export_onnx(
     offline: bool = False,
     detection: Wanted = None,
     desc_weights: str | os.PathLike[str] | None = None,
+    pool: str = "max",
+    desc_scale: float = 1.0,
     reduction: Reduction | None = None,
     compression: Compression | None = None,
     calibration: str | os.PathLike[str] | None = None,
@@ -126,7 +135,7 @@ def export_onnx(
         By default the paper's standardisation, on RGB (or gray) pixels.
     opset : int, optional
         The file's own by default, moved into 11 to 20.
-    offline, desc_weights, detection, reduction, compression, calibration, precision, log : optional
+    offline, desc_weights, detection, pool, desc_scale, reduction, compression, calibration, precision, log : optional
         As in `export_network`.
 
     Returns
@@ -146,7 +155,8 @@ def export_onnx(
         Request(
             onnx=file, layer=layer, desc=tuple(descriptors), output=output, desc_weights=desc_weights, offline=offline,
             preprocess=preprocessing, input=image_input, opset=opset, force=force, detection=as_mapping(detection),
-            reduction=reduction, compression=compression, calibration=calibration, precision=precision,
+            pool=pool, desc_scale=desc_scale, reduction=reduction, compression=compression,
+            calibration=calibration, precision=precision,
         ),
         log,
     )  # fmt: skip

@@ -119,15 +119,16 @@ def saliency_graph(sources: Sources, channels_last: bool) -> onnx.ModelProto:
     )  # fmt: skip
     for other in sources.others:
         model = attach(
-            model, other.model, other.image.name, other.name, other.descriptors, other.preprocessing, sources.color
-        )
+            model, other.model, other.image, other.name, other.labels, other.preprocessing, sources.color,
+            sources.sizes.usual,
+        )  # fmt: skip
     return model
 
 
 def finished_sizes(model: onnx.ModelProto, sources: Sources, log: Log) -> Sizes:
     """The sizes of images that the finished graph takes: those of the forward graphs, held against runs of it."""
     detector = sources.detector
-    specs = descriptor_specs(model, sources.descriptors, sources.fields)
+    specs = descriptor_specs(model, sources.descriptors, sources.fields, sources.scales)
     forward = sources.sizes
     channels = input_spec(sources.color, forward).channels
     period = max(source.period for source in (detector, *sources.others))
@@ -161,10 +162,13 @@ def contract_of(
         stride=field.stride,
         receptive_field=stated(field.size),
         input=input_spec(sources.color, graph.sizes),
-        descriptors=descriptor_specs(graph.model, sources.descriptors, sources.fields, graph.reductions),
+        descriptors=descriptor_specs(
+            graph.model, sources.descriptors, sources.fields, sources.scales, graph.reductions
+        ),
         detection=detector.detection,
         preprocessing=detector.preprocessing.describe(),
         weights=sources.weights,
+        pooling="average" if detector.request.pool == "average" else "",
         compression=compression,
         parity={name: value for check in checks for name, value in check.figures().items()},
         cost=cost_of(graph.model, sources.descriptors, graph.sizes.usual),

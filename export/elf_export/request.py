@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from elf_runtime.params import setting_text
+from elf_runtime.values import is_number
 
 from .errors import ExportError
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from .descriptors.projection import Reduction
     from .preprocessing import Preprocessing
 
+POOLS = ("max", "average")
+DESC_SCALES = (0.125, 4.0)
 PRECISIONS = ("fp32", "fp16", "bf16", "int8")
 LEAST_OPSET = 13  # of all but fp32: bfloat16, and one scale for each channel, are of that opset
 
@@ -48,6 +51,10 @@ class Request:
         Of the named network, and of the other one that describes.
     preprocess : "paper", "own" or Preprocessing, optional
         What the detector is fed: each image standardised (the paper's, and the default), or what it was trained with.
+    pool : "max" or "average"
+        What the detector's max-pooling is; layers that describe keep theirs.
+    desc_scale : float
+        At which share of the height and width of the image that the detector sees the describing layers see it.
     input : str, optional
         The image input of `onnx`, where several may be one.
     opset : int, optional
@@ -71,6 +78,8 @@ class Request:
     desc_weights: File | None = None
     offline: bool = False
     preprocess: Preprocessing | Literal["paper", "own"] | None = None
+    pool: str = "max"
+    desc_scale: float = 1.0
     input: str | None = None
     opset: int | None = None
     force: bool = False
@@ -83,6 +92,13 @@ class Request:
     def __post_init__(self) -> None:
         if (self.net is None) == (self.onnx is None):
             raise ExportError("an export is of a named network or of an .onnx file: give one of the two")
+        if self.pool not in POOLS:
+            raise ExportError(f"pooling is one of {', '.join(POOLS)}, not {self.pool!r}")
+        least, most = DESC_SCALES
+        if not (is_number(self.desc_scale) and least <= self.desc_scale <= most):
+            raise ExportError(f"the descriptors' scale is a number from {least:g} to {most:g}, not {self.desc_scale!r}")
+        if self.desc_scale != 1.0 and self.desc == ():
+            raise ExportError(f"a descriptors' scale of {self.desc_scale:g}, and no layer that describes")
         if not isinstance(self.detection, Mapping):
             raise ExportError(f"detection settings are a DetectionParams or a dict, not {self.detection!r}")
         if self.reduction is not None and not hasattr(self.reduction, "words"):
@@ -111,6 +127,8 @@ class Request:
             option("desc", ",".join(self.desc) or "none")
         if self.preprocess == "own":
             option("preprocess", "own")
+        option("pool", self.pool if self.pool != "max" else "")
+        option("desc-scale", f"{self.desc_scale!r}" if self.desc_scale != 1.0 else "")
         words += self.reduction.words() if self.reduction is not None else []
         words += self.compression.words() if self.compression is not None else []
         for name, value in self.detection.items():

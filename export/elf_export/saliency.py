@@ -103,7 +103,7 @@ def build_saliency(
     layout = image_layout(graph, image)
     interleave.mean_magnitude(graph, gradient, layout.index("C"), SALIENCY)
     outputs = [helper.make_tensor_value_info(SALIENCY, graph.elem_type(image), ["N", "H", "W"])]
-    outputs += _descriptor_outputs(graph, descriptors, names, image, layout, size)
+    outputs += descriptor_outputs(graph, {name: names.get(name, name) for name in descriptors}, image, layout, size)
     graph.set_outputs(outputs)
     smallest = without_weights(graph.model)
     if graph.rank(image) == len(layout):
@@ -185,24 +185,23 @@ def _seed_value(graph: Graph, layer: str, seed: Seed, ours: Collection[str]) -> 
     return graph.op("Expand", value, graph.op("Shape", layer, name="seed/shape"), name="seed/expanded")
 
 
-def _descriptor_outputs(
-    graph: Graph, descriptors: Sequence[str], names: Mapping[str, str], image: str, layout: str, size: int
+def descriptor_outputs(
+    graph: Graph, layers: Mapping[str, str], image: str, layout: str, size: int
 ) -> list[onnx.ValueInfoProto]:
     """Append what turns each descriptor layer into (N, h, w, D), and describe the outputs.
 
-    `names` are the layers' names in the graph where they have others there.
+    `layers` are the values by the names that the file gives them; `image` has the axes `layout`.
     """
     outputs: list[onnx.ValueInfoProto] = []
-    if not descriptors:
+    if not layers:
         return outputs
-    trunk = graph.part([names.get(name, name) for name in descriptors])
+    trunk = graph.part(list(layers.values()))
     if graph.rank(image) == len(layout):
         fix_sizes(trunk, image, layout, size)
     probe = GraphView(trunk)
     sizes = sizes_where_known(probe)
     axes = axes_of(probe, image, layout, sizes)
-    for name in descriptors:
-        source = names.get(name, name)
+    for name, source in layers.items():
         if source not in axes:
             shape = graph.shape(source)
             raise LayerError(f"{name!r} can't describe keypoints: it is no map (N, D, h, w) of the image, but {shape}")

@@ -60,7 +60,7 @@ class DetectionParams:
         The level is chosen from the saliency divided by this quantile of itself and cut off at 1: 1.0 divides by
         the maximum, as the paper does; 0.95 keeps one outlier from squashing the histogram.
     subpixel : bool
-        Place each keypoint at the top of a parabola through its score and its neighbours', along x and y.
+        Place each keypoint at the top of a quadratic surface through its score and those around it.
     """
 
     denoise: Blur = (5, 5.0)

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import onnx
 
+from elf_export.graph.image_input import ImageInput
 from elf_export.graph.sizes import Sizes
 from elf_export.preprocessing import Preprocessing
 from elf_export.saliency import SALIENCY
@@ -19,6 +20,7 @@ from elf_runtime.detection.nms import greedy_nms
 from elf_runtime.detection.threshold import scores_and_mask
 from elf_runtime.model.session import open_session
 
+from .forward import ForwardMaps
 from .pictures import probe_images
 from .torch_reference import Reference, torch_maps, torch_saliency
 
@@ -153,6 +155,16 @@ class Autograd:
             return {layer: found[layer] for layer in layers}
 
         return of_layers
+
+    def averaging(self, _: onnx.ModelProto) -> Autograd:
+        """The oracle of the same network with average-pooling in place of max-pooling."""
+        from .averaging import Averaging
+
+        return replace(self, module=Averaging(self.module))
+
+    def describing(self, forward: onnx.ModelProto, image: ImageInput) -> ForwardMaps:
+        """The maps of `forward`, as torch knows the whole network only."""
+        return ForwardMaps(forward, image, self.preprocessing)
 
 
 def compare_on_pictures(

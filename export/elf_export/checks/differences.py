@@ -9,7 +9,7 @@ ONNX Runtime on the model and takes seconds, and in float32 by ONNX Runtime else
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import onnx
@@ -204,6 +204,12 @@ class Differences:
             return dict(zip(layers, session.run(outputs, {IMAGE: pixels}), strict=True))
 
         return of_layers
+
+    def averaging(self, forward: onnx.ModelProto) -> Differences:
+        return replace(self, forward=forward)
+
+    def describing(self, forward: onnx.ModelProto, image: ImageInput) -> Differences:
+        return replace(self, forward=forward, image=image)
 
 
 def require_finite(layer: str, f: Array64, *gradients: Array64) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +33,12 @@ class ForwardMaps:
     def check(self, model: onnx.ModelProto, color: str, params: DetectionParams, sizes: Sizes) -> Check:
         """There is no saliency of it to check."""
         raise NotImplementedError
+
+    def averaging(self, forward: onnx.ModelProto) -> ForwardMaps:
+        return replace(self, forward=forward)
+
+    def describing(self, forward: onnx.ModelProto, image: ImageInput) -> ForwardMaps:
+        return replace(self, forward=forward, image=image)
 
     def maps(self, _: onnx.ModelProto, layers: Sequence[str], color: str) -> Callable[[Array], Mapping[str, Array]]:
         """The maps of `layers`, channels last, for raw pixels of colour order `color`."""

@@ -6,7 +6,7 @@ import argparse
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from elf_export.request import PRECISIONS, Request
+from elf_export.request import POOLS, PRECISIONS, Request
 from elf_runtime.commands.command import Parser, new_parser
 from elf_runtime.commands.options import setting
 
@@ -59,6 +59,11 @@ def _describing(p: argparse.ArgumentParser) -> None:
         "that comes with the exporter (--net: the paper's)",
     )  # fmt: skip
     p.add_argument(
+        "--desc-scale", type=number, metavar="R",
+        help="let the layers of --desc see the image at R of the height and width at which the detector sees it, a "
+        "number or a fraction: the graph resizes it (default: 1)",
+    )  # fmt: skip
+    p.add_argument(
         "--desc-dim", type=int, metavar="D",
         help="values of a descriptor: each layer of --desc is projected to so many inside the graph (default: its "
         "channels as they are)",
@@ -104,6 +109,11 @@ def _file(p: argparse.ArgumentParser) -> None:
         "--set", action="append", default=[], metavar="NAME=VALUE", type=setting,
         help="a detection setting that the file carries as its default, such as scale=0.5 or denoise=5,1.2; may be "
         "given several times",
+    )  # fmt: skip
+    p.add_argument(
+        "--pool", choices=POOLS, default="max",
+        help="average: the detector averages where the network takes maxima; keypoints then stay where they are when "
+        "the image moves by a pixel.  Layers that describe keep their pooling",
     )  # fmt: skip
     p.add_argument("--output", "-o", metavar="FILE", help="default: elf-NET-LAYER.onnx")
     p.add_argument("--opset", type=int, metavar="N", help="ONNX opset of the file, 11 to 20 (default: 17; with "
@@ -167,6 +177,8 @@ def request_of(args: argparse.Namespace) -> Request:
         desc_weights=args.desc_weights,
         offline=args.offline,
         preprocess=preprocessing_of(args) if args.net is None else args.preprocess or "paper",
+        pool=args.pool,
+        desc_scale=1.0 if args.desc_scale is None else args.desc_scale,
         input=args.input,
         opset=args.opset,
         force=args.force,

@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from elf_export.calibration import CalibrationSet
 from elf_export.checks.differences import Differences
-from elf_export.checks.forward import ForwardMaps
 from elf_export.checks.pictures import preprocess
 from elf_export.contract import input_spec
 from elf_export.errors import LayerError
@@ -176,7 +175,7 @@ class _Network:
         source, model = self.source, self.graph.model
         del model.graph.value_info[:]
         oracle = (
-            ForwardMaps(model, source.image, source.preprocessing)
+            source.oracle.describing(model, source.image)
             if self.index
             else Differences(model, source.layer, source.image, source.preprocessing)
         )

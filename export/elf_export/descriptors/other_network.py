@@ -1,5 +1,6 @@
 """Descriptor maps of another network in the detector's file: ``--net superpoint --desc vgg:pool3``.
 
+So are those of the detector's own network, where it sees the image at another scale or has another pooling to describe.
 Each network keeps its own preprocessing; both start from one image input, and what they compute alike is
 computed once.
 """
@@ -7,49 +8,54 @@ computed once.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import onnx
-from onnx import TensorProto, helper
 
 from elf_export.errors import LayerError
 from elf_export.graph.graph import Graph
+from elf_export.graph.image_input import ImageInput
 from elf_export.graph.passes import cut, fold_batchnorm, fold_constants, share
 from elf_export.preprocessing import Preprocessing, prepend
-from elf_export.saliency import IMAGE, check, descriptor_output
+from elf_export.saliency import IMAGE, check, descriptor_output, descriptor_outputs
 
 
 def attach(
     model: onnx.ModelProto,
     forward: onnx.ModelProto,
-    image: str,
+    image: ImageInput,
     network: str,
-    layers: Sequence[str],
+    labels: Mapping[str, str],
     preprocessing: Preprocessing,
     color: str,
+    size: int,
 ) -> onnx.ModelProto:
-    """A copy of `model` with the maps of another network's `layers` as further outputs.
+    """A copy of `model` with the maps of another network's layers as further outputs.
 
     Parameters
     ----------
     model : onnx.ModelProto
         As `build_saliency` makes it, with an image input of the colour order `color`.
     forward : onnx.ModelProto
-        The other network, whose input is called `image`; its values get ``NETWORK/`` in front of their names, or
-        ``NETWORK_2/`` where the model has names of that scope.
+        The other network; its values get ``NETWORK/`` in front of their names, or ``NETWORK_2/`` where the model has
+        names of that scope.
+    labels : mapping
+        Its layers -> what the file calls them.
+    size : int
+        A usual height and width, at which the axes of its maps are told.
     """
     prefix = _prefix(model, network)
+    layers = list(labels)
     graph = fold_batchnorm(fold_constants(Graph(cut(forward, layers), copy=False)), keep=layers)
-    outputs = []
-    for layer in layers:
-        out = descriptor_output(f"{network}:{layer}")
-        if any(value.name == out for value in model.graph.output):
-            raise LayerError(f"two descriptor layers would both be the output {out!r}; export them one by one")
-        channels = (graph.shape(layer) or [None] * 4)[1]
-        graph.op("Transpose", layer, name=f"descriptors/{layer}", outputs=[out], perm=[0, 2, 3, 1])
-        dims = ["N", f"h_{out}", f"w_{out}", channels]
-        outputs.append(helper.make_tensor_value_info(out, TensorProto.FLOAT, dims))
-    prepend(graph, image, preprocessing, IMAGE, color)
+    for label in labels.values():
+        if any(value.name == descriptor_output(label) for value in model.graph.output):
+            raise LayerError(
+                f"two descriptor layers would both be the output {descriptor_output(label)!r}; export them one by one"
+            )
+    outputs = descriptor_outputs(
+        graph, {label: layer for layer, label in labels.items()}, image.name, image.layout, size
+    )
+    prepend(graph, image.name, preprocessing, IMAGE, color, image.layout)
 
     kept = {"", IMAGE, *(value.name for value in outputs)}
     for node in graph.model.graph.node:

@@ -12,6 +12,7 @@ from elf_export.request import Request
 from .foreign.detector import foreign_detector
 from .named import describer, named_detector
 from .source import Source, Sources
+from .variants import varied
 
 __all__ = ["Source", "Sources", "open_sources"]
 
@@ -30,4 +31,4 @@ def open_sources(request: Request, log: Callable[[str], None]) -> Sources:
         if label not in detector.descriptors:
             network, _, layer = label.rpartition(":")
             others.setdefault(network, []).append(layer)
-    return Sources(detector, tuple(describer(name, layers, detector, log) for name, layers in others.items()))
+    return varied(Sources(detector, tuple(describer(name, layers, detector, log) for name, layers in others.items())))

@@ -63,10 +63,11 @@ def describer(name: str, layers: Sequence[str], detector: Source, log: Log) -> S
     """Another named network, whose `layers` describe what `detector` finds."""
     network = get_network(name)
     request = Request(net=name, weights=detector.request.desc_weights, offline=detector.request.offline)
-    return _source(
+    source = _source(
         request, network, layers[0], layers, network.preprocessing, network.detection, opset_of(detector.model), log,
         option="--desc-weights",
     )  # fmt: skip
+    return replace(source, scope=f"{name}:")
 
 
 def _preprocessing(network: Network, request: Request) -> Preprocessing:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -32,6 +33,12 @@ class Oracle(Protocol):
 
     def maps(self, model: onnx.ModelProto, layers: Sequence[str], color: str) -> Maps:
         """The maps of `layers` by it; by `model`, the saliency graph, where it has none of its own."""
+
+    def averaging(self, forward: onnx.ModelProto) -> Oracle:
+        """That of the same network with average-pooling in place of max-pooling, whose forward graph is `forward`."""
+
+    def describing(self, forward: onnx.ModelProto, image: ImageInput) -> Oracle:
+        """One for the maps alone of another forward graph, made of the same network's."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +72,10 @@ class Source:
         That the file will carry.
     differentiate : bool
         False: F is the saliency map itself.
+    scope : str
+        In front of its layers' names where they describe: ``NET:`` of a network that is not the detector's.
+    scale : float
+        Share of the image's height and width at which it sees the image; its fields are in pixels of the image.
     """
 
     request: Request
@@ -81,6 +92,13 @@ class Source:
     oracle: Oracle
     detection: DetectionParams
     differentiate: bool = True
+    scope: str = ""
+    scale: float = 1.0
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """What the file calls the layers that describe, by their own names."""
+        return {layer: self.scope + layer for layer in self.descriptors}
 
 
 @dataclass(frozen=True)
@@ -100,7 +118,8 @@ class Sources:
     @property
     def request(self) -> Request:
         """The detector's, with the weights that the other networks need to be given."""
-        given = next((other.request.weights for other in self.others if other.request.weights is not None), None)
+        weights = (other.request.weights for other in self.others if other.scope)
+        given = next((file for file in weights if file is not None), None)
         return replace(self.detector.request, desc_weights=given)
 
     @property
@@ -126,16 +145,22 @@ class Sources:
                     f"{other.name} describes images of {least}x{least} pixels and more, and the model takes "
                     f"{sizes.describe()}"
                 )
-            sizes = replace(sizes, min_size=max(sizes.min_size, least))
+            multiple = math.lcm(sizes.multiple, other.sizes.multiple)
+            sizes = replace(sizes, min_size=max(sizes.min_size, least), multiple=multiple)
         return sizes
 
     @cached_property
     def fields(self) -> dict[str, Field]:
-        """The geometry of the detector's values and, as ``NET:LAYER``, of the layers of others that describe."""
-        found = dict(self.detector.fields)
-        for other in self.others:
-            found |= {f"{other.name}:{layer}": other.fields[layer] for layer in other.descriptors}
+        """The geometry of the layer F, under its name, and of all that describe, under their labels."""
+        found = {self.detector.layer: self.detector.fields[self.detector.layer]}
+        for source in (self.detector, *self.others):
+            found |= {label: source.fields[layer] for layer, label in source.labels.items()}
         return found
+
+    @property
+    def scales(self) -> dict[str, float]:
+        """Share of the image's size at which each layer that describes sees it."""
+        return {label: source.scale for source in (self.detector, *self.others) for label in source.labels.values()}
 
     @property
     def descriptors(self) -> tuple[str, ...]:
@@ -145,7 +170,7 @@ class Sources:
     @property
     def weights(self) -> WeightsSpec:
         """Where the weights of all networks come from; those that need none are left out."""
-        parts = [self.detector.weights, *(other.weights for other in self.others)]
+        parts = [self.detector.weights, *(other.weights for other in self.others if other.scope)]
         trained = [part for part in parts if part.source != NO_WEIGHTS] or parts[:1]
         if len(trained) == 1:
             return trained[0]
@@ -154,13 +179,10 @@ class Sources:
 
     def maps(self, model: onnx.ModelProto) -> Maps:
         """The maps of all `descriptors`, by each network's oracle; `model` is the saliency graph with all of them."""
-        own = self.detector.oracle.maps(model, self.detector.descriptors, self.color)
-        of_others = [(other.name, other.oracle.maps(model, other.descriptors, self.color)) for other in self.others]
+        found_by = [(source.labels, source.oracle.maps(model, source.descriptors, self.color))
+                    for source in (self.detector, *self.others) if source.descriptors]  # fmt: skip
 
         def of_all(pixels: npt.NDArray[np.float32]) -> dict[str, npt.NDArray[np.floating]]:
-            found = dict(own(pixels))
-            for name, maps in of_others:
-                found |= {f"{name}:{layer}": value for layer, value in maps(pixels).items()}
-            return found
+            return {labels[layer]: value for labels, maps in found_by for layer, value in maps(pixels).items()}
 
         return of_all

@@ -41,7 +41,7 @@ def load(model: str | os.PathLike[str]) -> Saliency:
     Raises
     ------
     ExportError
-        If the network has no name here, or was compressed.
+        If the network has no name here, was compressed, or has another pooling.
     WeightsError
         If the file does not hold its weights as floats.
     """
@@ -54,6 +54,8 @@ def load(model: str | os.PathLike[str]) -> Saliency:
         raise ExportError(
             f"{file}: its convolutions are compressed ({contract.compression.wanted}); torch has the whole"
         )
+    if contract.pooling:
+        raise ExportError(f"{file}: it has {contract.pooling} pooling; torch has the network as it was trained")
     network = get_network(contract.network)
     stored = {tensor.name: tensor for tensor in proto.graph.initializer}
     tensors: dict[str, npt.NDArray[np.float32]] = {}

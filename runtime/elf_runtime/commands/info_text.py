@@ -95,6 +95,8 @@ def _contract_rows(contract: Mapping[str, Any], gflop: Mapping[str, float]) -> l
     rows.append(_row("input", f"{spec['dtype']} {spec['layout']}, {pixels}"))
     rows.append(_row("preprocessing", contract["preprocessing"] or "not recorded"))
     rows.append(_row("precision", contract["precision"]))
+    if contract.get("pooling"):
+        rows.append(_row("pooling", f"{contract['pooling']}, for the detector, in place of the network's maxima"))
     if contract.get("compression"):
         rows.append(_row("compression", _compression(contract["compression"])))
     origin = [weights["source"], f"licence {weights['licence']}" if weights["licence"] else ""]
@@ -129,6 +131,8 @@ def _parity_rows(parity: Mapping[str, float], precision: str) -> list[str]:
 
 def _descriptor(spec: Mapping[str, Any]) -> str:
     text = f"{spec['layer']}: {spec['dim']} values, a cell every {spec['stride']:g} pixels"
+    if spec.get("scale", 1.0) != 1.0:
+        text += f", of the image at {spec['scale']:g} of its size"
     reduction = spec["reduction"]
     if reduction is None:
         return text

@@ -37,6 +37,8 @@ class ModelContract:
         What the graph does to the raw pixels, in words; it is inside the graph.
     precision : str
         "fp32", "fp16", "int8", ...
+    pooling : str
+        "average" where the detector averages in place of the network's max-pooling; "" where it is as it was trained.
     compression : CompressionSpec, optional
         Of the network's convolutions, where they are not as they were trained.
     parity : mapping
@@ -58,6 +60,7 @@ class ModelContract:
     preprocessing: str = ""
     precision: str = "fp32"
     weights: WeightsSpec = field(default_factory=WeightsSpec)
+    pooling: str = ""
     compression: CompressionSpec | None = None
     parity: Mapping[str, float] = field(default_factory=dict)
     cost: Mapping[str, float] = field(default_factory=dict)
@@ -69,10 +72,18 @@ class ModelContract:
         return f"ModelContract({self.network} {self.layer}, descriptors {described}, {self.precision})"
 
     def to_metadata(self) -> dict[str, str]:
-        """The contract as ``{key: text}`` for ONNX ``metadata_props``; values are JSON."""
+        """The contract as ``{key: text}`` for ONNX ``metadata_props``; values are JSON.
+
+        Fields that came later are left out where they say nothing: files without them stay as they were.
+        """
         values = asdict(self)
+        if not self.pooling:
+            del values["pooling"]
+        for spec in values["descriptors"]:
+            if spec["scale"] == 1.0:
+                del spec["scale"]
         if self.compression is None:
-            del values["compression"]  # as of files that are older than the field
+            del values["compression"]
         if not self.detection.scales:
             del values["detection"]["scales"]  # likewise
         return write_metadata(values)

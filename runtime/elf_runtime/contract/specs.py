@@ -133,7 +133,8 @@ class DescriptorSpec:
 
     The centre of cell ``i`` lies at pixel ``offset + i * stride`` (integer = pixel centre), for x and y
     alike: the network's true geometry, from the strides, kernels and pads on the way to the layer.
-    `reduction` is None where the map is the layer itself.
+    `reduction` is None where the map is the layer itself.  `scale` is a record: the share of the image's height and
+    width at which the layer sees it, by a resizing in the graph, which stride and offset know of.
     """
 
     output: str
@@ -142,10 +143,13 @@ class DescriptorSpec:
     stride: float
     offset: float
     reduction: ReductionSpec | None = None
+    scale: float = 1.0
 
     def check(self) -> None:
         if not 1 <= self.dim <= LARGEST_SIDE or self.stride <= 0:
             raise ValueError(f"descriptor {self.layer!r} has dim {self.dim} and stride {self.stride}")
+        if not self.scale > 0:
+            raise ValueError(f"descriptor {self.layer!r} sees the image at {self.scale} of its size")
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from elf_runtime.results.trace import Level, Stopwatch, Trace
 from .descriptors import Array, DescriptorMap
 from .grid import cell_of, passing_by_cell
 from .pyramid import Candidates, merged
-from .refine import parabola_peaks
+from .refine import quadratic_peaks
 from .select import Index, select_keypoints
 from .threshold import blurred, passing
 from .working_image import Levels, WorkingImage
@@ -103,7 +103,7 @@ def _placed(seen: Seen, level: Level, found: Index, params: DetectionParams) -> 
     """Where a level's keypoints lie in the source image, (N, 2), and their descriptors, (N, D)."""
     points = found.astype(np.float32)
     if params.subpixel:
-        points = seen.image.kept_inside(parabola_peaks(level.scores, found), found, params.border)
+        points = seen.image.kept_inside(quadratic_peaks(level.scores, found), found, params.border)
     described = seen.described
     descriptors = described.at(points) if described is not None else np.zeros((len(points), 0), np.float32)
     return seen.image.scaling.to_source(points), descriptors

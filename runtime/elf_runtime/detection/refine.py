@@ -6,14 +6,18 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float32]
+Float = npt.NDArray[np.float64]
+
+FARTHEST = 0.5  # working pixels, along each axis
 
 
-def parabola_peaks(scores: Array, points: npt.NDArray[np.int64]) -> Array:
-    """Move each maximum to the top of the parabola through its score and its two neighbours', along x and y.
+def quadratic_peaks(scores: Array, points: npt.NDArray[np.int64]) -> Array:
+    """Move each maximum to the top of a quadratic surface through its score and those around it.
 
-    With a, b, c the scores at -1, 0, 1, the top lies at (a - c) / (2 (a - 2 b + c)).  It is at most half a pixel
-    away where b is the largest; where it is not (a plateau, the edge of a mask) or at the map's border, the point
-    stays along that axis.
+    With g and H the central differences of first and second order, the top lies at -H^-1 g, as in Brown, Lowe,
+    "Invariant features from interest point groups", BMVC 2002; along each axis it is held to half a pixel.  Where the
+    surface has no top, because the point is no maximum of its 3x3 pixels (a plateau, the edge of a mask) or lies at the
+    map's border, it is a parabola's along each axis where that has one, and the point stays along the other.
 
     Parameters
     ----------
@@ -26,12 +30,35 @@ def parabola_peaks(scores: Array, points: npt.NDArray[np.int64]) -> Array:
     """
     height, width = scores.shape
     x, y = points[:, 0], points[:, 1]
-    centre = scores[y, x].astype(np.float64)
-    moved = points.astype(np.float64)
-    for axis, (dx, dy, at, size) in enumerate(((1, 0, x, width), (0, 1, y, height))):
-        before = scores[np.maximum(y - dy, 0), np.maximum(x - dx, 0)].astype(np.float64)
-        after = scores[np.minimum(y + dy, height - 1), np.minimum(x + dx, width - 1)].astype(np.float64)
-        curvature = before - 2 * centre + after
-        peaked = (centre >= before) & (centre >= after) & (curvature < 0) & (at > 0) & (at < size - 1)
-        moved[peaked, axis] += (before - after)[peaked] / (2 * curvature[peaked])
-    return moved.astype(np.float32)
+    rows = np.clip(y[:, None] + [-1, 0, 1], 0, height - 1)
+    columns = np.clip(x[:, None] + [-1, 0, 1], 0, width - 1)
+    around = scores[rows[:, :, None], columns[:, None, :]].astype(np.float64)  # (N, 3, 3)
+    inside = np.stack([(x > 0) & (x < width - 1), (y > 0) & (y < height - 1)], axis=1)
+    steps = _along_axes(around, inside)
+    whole = inside.all(axis=1) & (around.max(axis=(1, 2), initial=-np.inf) <= around[:, 1, 1])
+    steps[whole] = _of_surface(around[whole], steps[whole])
+    return (points + steps).astype(np.float32)
+
+
+def _differences(around: Float) -> tuple[Float, Float]:
+    """(N, 2) of first and second order along x and y."""
+    before, after = (np.stack([around[:, 1, i], around[:, i, 1]], axis=1) for i in (0, 2))
+    return (after - before) / 2, before - 2 * around[:, 1, 1, None] + after
+
+
+def _along_axes(around: Float, inside: npt.NDArray[np.bool_]) -> Float:
+    """The tops of the parabolas along x and y, 0 where there is none within half a pixel."""
+    slope, curvature = _differences(around)
+    peaked = inside & (curvature < 0) & (np.abs(slope) <= -curvature / 2)
+    return np.divide(-slope, curvature, out=np.zeros_like(slope), where=peaked)
+
+
+def _of_surface(around: Float, otherwise: Float) -> Float:
+    """The tops of the surfaces through maxima, and `otherwise` where a surface has none."""
+    slope, curvature = _differences(around)
+    mixed = (around[:, 0, 0] - around[:, 0, 2] - around[:, 2, 0] + around[:, 2, 2]) / 4
+    determinant = curvature[:, 0] * curvature[:, 1] - mixed**2
+    topped = (curvature < 0).all(axis=1) & (determinant > 0)
+    towards = mixed[:, None] * slope[:, ::-1] - curvature[:, ::-1] * slope
+    tops = np.divide(towards, determinant[:, None], out=np.zeros_like(slope), where=topped[:, None])
+    return np.where(topped[:, None], np.clip(tops, -FARTHEST, FARTHEST), otherwise)

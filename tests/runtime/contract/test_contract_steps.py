@@ -76,12 +76,7 @@ def by_the_steps(image: np.ndarray, given: Mapping[str, Any] | None = None) -> t
     ratio = np.array([w / width, h / height])
     points = np.array(found, float)
     for row, (x, y) in enumerate(found if settings["subpixel"] else []):
-        moved = points[row].copy()
-        for axis, (dx, dy, at, size) in enumerate(((1, 0, x, w), (0, 1, y, h))):
-            if 0 < at < size - 1:
-                a, b, c = (float(scores[y + k * dy, x + k * dx]) for k in (-1, 0, 1))
-                if b >= a and b >= c and a - 2 * b + c < 0:
-                    moved[axis] += (a - c) / (2 * (a - 2 * b + c))
+        moved = points[row] + _step(scores.astype(float), x, y)
         source = (moved + 0.5) / ratio - 0.5
         if not border or ((source >= border) & (source <= np.array([width, height]) - 1 - border)).all():
             points[row] = moved
@@ -97,6 +92,26 @@ def by_the_steps(image: np.ndarray, given: Mapping[str, Any] | None = None) -> t
         rows.append(d / np.linalg.norm(d))
     # 9
     return (points + 0.5) / ratio - 0.5, np.array(rows)
+
+
+def _step(scores: np.ndarray, x: int, y: int) -> np.ndarray:
+    """Step 7: how far (x, y) moves."""
+    h, w = scores.shape
+    free = (0 < x < w - 1, 0 < y < h - 1)
+    b, step, slope, curve = scores[y, x], np.zeros(2), [0.0, 0.0], [0.0, 0.0]
+    for axis, (dx, dy) in enumerate(((1, 0), (0, 1))):
+        if free[axis]:
+            a, c = scores[y - dy, x - dx], scores[y + dy, x + dx]
+            slope[axis], curve[axis] = (c - a) / 2, a - 2 * b + c
+            if b >= a and b >= c and curve[axis] < 0:
+                step[axis] = -slope[axis] / curve[axis]
+    if all(free) and scores[y - 1 : y + 2, x - 1 : x + 2].max() <= b and max(curve) < 0:
+        m = (scores[y + 1, x + 1] + scores[y - 1, x - 1] - scores[y - 1, x + 1] - scores[y + 1, x - 1]) / 4
+        d = curve[0] * curve[1] - m * m
+        if d > 0:
+            tops = (m * slope[1] - curve[1] * slope[0]) / d, (m * slope[0] - curve[0] * slope[1]) / d
+            step = np.clip(tops, -0.5, 0.5)
+    return step
 
 
 def test_the_example_is_of_the_bundled_model() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elf_runtime.detection.refine import parabola_peaks
+from elf_runtime.detection.refine import quadratic_peaks
 
 
 def bump(x: float, y: float, size: int = 21, width: float = 2.5) -> np.ndarray:
@@ -13,16 +13,29 @@ def bump(x: float, y: float, size: int = 21, width: float = 2.5) -> np.ndarray:
     return np.exp(-((u - x) ** 2 + (v - y) ** 2) / (2 * width**2)).astype(np.float32)
 
 
-def test_a_parabola_is_found_exactly() -> None:
+def test_a_quadratic_surface_is_found_exactly() -> None:
     v, u = np.mgrid[:9, :11]
-    scores = (50 - (u - 5.3) ** 2 - 2 * (v - 3.8) ** 2).astype(np.float32)
-    assert parabola_peaks(scores, np.array([[5, 4]])) == pytest.approx(np.array([[5.3, 3.8]]), abs=1e-4)
+    scores = (50 - (u - 5.3) ** 2 - 2 * (v - 3.8) ** 2 - 0.9 * (u - 5.3) * (v - 3.8)).astype(np.float32)
+    assert quadratic_peaks(scores, np.array([[5, 4]])) == pytest.approx(np.array([[5.3, 3.8]]), abs=1e-4)
 
 
 @pytest.mark.parametrize(("x", "y"), [(10.0, 10.0), (10.4, 9.7), (9.51, 10.49), (10.2, 10.2)])
 def test_a_gaussian_is_found_to_a_fiftieth_of_a_pixel(x: float, y: float) -> None:
-    found = parabola_peaks(bump(x, y), np.array([[round(x), round(y)]]))[0]
+    found = quadratic_peaks(bump(x, y), np.array([[round(x), round(y)]]))[0]
     assert np.abs(found - [x, y]).max() < 0.02
+
+
+def test_a_slanted_ridge_is_found_where_parabolas_along_the_axes_are_off() -> None:
+    v, u = np.mgrid[:21, :21].astype(np.float64)
+    along, across = (u - 10.3) + (v - 9.8), (u - 10.3) - (v - 9.8)
+    scores = np.exp(-((along / 6) ** 2) / 2 - ((across / 2) ** 2) / 2).astype(np.float32)
+    assert np.abs(quadratic_peaks(scores, np.array([[10, 10]])) - [10.3, 9.8]).max() < 0.05
+
+
+def test_at_the_border_it_moves_along_it() -> None:
+    v, u = np.mgrid[:9, :11]
+    scores = (50 - (u - 5.3) ** 2 - (v + 0.4) ** 2).astype(np.float32)
+    assert quadratic_peaks(scores, np.array([[5, 0]])) == pytest.approx(np.array([[5.3, 0]]), abs=1e-4)
 
 
 def test_what_is_no_peak_stays() -> None:
@@ -30,14 +43,14 @@ def test_what_is_no_peak_stays() -> None:
     ramp = np.arange(25, dtype=np.float32).reshape(5, 5)
     for scores in (flat, ramp):
         points = np.array([[0, 0], [2, 2], [4, 4], [0, 2], [2, 4]])
-        assert parabola_peaks(scores, points).tolist() == points.tolist()
+        assert quadratic_peaks(scores, points).tolist() == points.tolist()
 
 
 def test_never_more_than_half_a_pixel() -> None:
     scores = np.random.default_rng(0).integers(0, 4, (60, 60)).astype(np.float32)
     points = np.stack(np.meshgrid(np.arange(60), np.arange(60)), -1).reshape(-1, 2)
-    assert np.abs(parabola_peaks(scores, points) - points).max() <= 0.5
+    assert np.abs(quadratic_peaks(scores, points) - points).max() <= 0.5
 
 
 def test_no_points() -> None:
-    assert parabola_peaks(bump(3, 3), np.zeros((0, 2), np.int64)).shape == (0, 2)
+    assert quadratic_peaks(bump(3, 3), np.zeros((0, 2), np.int64)).shape == (0, 2)

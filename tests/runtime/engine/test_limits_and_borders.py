@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elf_runtime import DetectionParams, ElfRuntime, InputSpec, ModelContract
-from elf_runtime.detection.refine import parabola_peaks
+from elf_runtime.detection.refine import quadratic_peaks
 from elf_runtime.detection.working_image import prepare
 from helpers import textured
 
@@ -108,7 +108,7 @@ def test_without_border_and_mask_every_place_is_refined(elf: ElfRuntime, image: 
     whole = elf.trace(image, subpixel=False, **settings).features.keypoints
     size, working = np.array([160, 120]), np.array(traced.scores.shape[::-1])
     found = np.rint((whole + 0.5) * working / size - 0.5).astype(np.int64)
-    refined = (parabola_peaks(traced.scores, found) + 0.5) * size / working - 0.5
+    refined = (quadratic_peaks(traced.scores, found) + 0.5) * size / working - 0.5
     np.testing.assert_allclose(traced.features.keypoints, refined, atol=1e-3)
     assert (traced.features.keypoints != whole).any()
 

@@ -7,6 +7,7 @@ made.  Its docstring says what it requires, when to call it, and what it ensures
 
 from __future__ import annotations
 
+from .average_pools import average_pools
 from .compose_convs import compose_convs
 from .convert_opset import OPSETS, convert_opset, opset_of, require_opset, target_opset
 from .cut import cut
@@ -18,6 +19,7 @@ from .project import project
 from .rename_values import rename_values
 from .share import share
 from .share_row_maxima import share_row_maxima
+from .shrink_image import shrink_image
 from .single_precision import single_precision
 from .sort_nodes import sort_nodes
 from .standard_ops import standard_ops
@@ -25,6 +27,7 @@ from .without_rounding import without_rounding
 
 __all__ = [
     "OPSETS",
+    "average_pools",
     "compose_convs",
     "convert_opset",
     "cut",
@@ -38,6 +41,7 @@ __all__ = [
     "require_opset",
     "share",
     "share_row_maxima",
+    "shrink_image",
     "single_precision",
     "sort_nodes",
     "standard_ops",
