@@ -11,7 +11,7 @@ from onnx import helper
 
 from elf_export import LayerError
 from elf_export.graph.graph import Graph
-from elf_export.graph.passes import average_pools, shrink_image
+from elf_export.graph.passes import average_pools, convolve_averages, shrink_image
 from elf_runtime.model.session import open_session
 from export.small_models import model, written
 
@@ -72,3 +72,13 @@ def test_half_the_size_is_the_mean_of_four() -> None:
     found = run(shrink_image(Graph(reads_twice("NCHW")), "x", "NCHW", 0.5).model, x)
     wanted = x[:, :, :8].reshape(1, 2, 4, 2, 6, 2).mean(axis=(3, 5))
     np.testing.assert_allclose(found, wanted, atol=1e-6)
+
+
+@pytest.mark.parametrize("padded", [False, True])
+def test_averages_as_convolutions(padded: bool) -> None:
+    given = {"kernel_shape": [2, 3], "strides": [2, 2], "pads": [1, 1, 1, 1] if padded else [0] * 4}
+    net = model([helper.make_node("AveragePool", ["x"], ["y"], name="pool", **given)], {}, (1, 2, "H", "W"), "y")
+    changed = convolve_averages(Graph(net)).model
+    assert [node.op_type for node in changed.graph.node] == ["AveragePool" if padded else "Conv"]
+    x = np.random.default_rng(2).standard_normal((1, 2, 9, 12))
+    np.testing.assert_allclose(run(changed, x), run(net, x), atol=1e-6)

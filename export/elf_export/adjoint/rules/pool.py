@@ -13,7 +13,10 @@ from collections.abc import Sequence
 import numpy as np
 import onnx
 
+from elf_export.adjoint import depthwise
 from elf_export.adjoint.emit import FAR, concat_ints, slice_axes, step
+from elf_export.adjoint.gradient import PHASES, Phases
+from elf_export.adjoint.interleave import whole
 from elf_export.adjoint.registry import Context, Gradients, adjoint
 from elf_export.adjoint.spatial import begin_pads, crop_spatial, pad_spatial, spatial_shape
 from elf_export.graph.windows import Window, window_of
@@ -68,9 +71,15 @@ def max_pool(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
 def average_pool(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """y_m = 1/c_m sum over offsets o of x_{ms + od};  dx_{ms + od} += dy_m / c_m.
 
-    c_m is the window's number of pixels, without those in the padding unless count_include_pad.
+    c_m is the window's number of pixels, without those in the padding unless count_include_pad.  2x2 side by side give
+    four equal phases, put together at once where convolutions run channels last.
     """
     window = window_of(ctx.graph, node, ctx.attrs["kernel_shape"])
+    if split_pool.splits(ctx, window):
+        # A convolution, which 8 bits round, before all that moves its values.
+        share = depthwise.convolve(ctx, grad_y, [[1 / math.prod(window.kernel)]], [1, 1], "share")
+        phases = Phases((share,) * len(PHASES), node.input[0])
+        return [whole(ctx.graph, phases) if ctx.channels_last else phases]
     if window.padded:
         share = ctx.op("Div", grad_y, _counts(ctx, node, window), role="share")
     else:

@@ -14,7 +14,7 @@ from elf_export.graph.windows import Window
 
 
 def splits(ctx: Context, window: Window) -> bool:
-    """Whether `split_max_pool` can do this MaxPool: 2x2 windows side by side, in 2-D, of a known number of channels."""
+    """Whether a pool's gradient can be held in phases: 2x2 windows side by side, in 2-D, of known channels."""
     x = ctx.node.input[0]
     plain = (window.kernel, window.strides, window.dilations) == ((2, 2), (2, 2), (1, 1)) and not window.padded
     return plain and known_channels(ctx.graph, x) is not None and ctx.dtype(x).kind == "f"

@@ -10,6 +10,7 @@ from __future__ import annotations
 from .average_pools import average_pools
 from .compose_convs import compose_convs
 from .convert_opset import OPSETS, convert_opset, opset_of, require_opset, target_opset
+from .convolve_averages import convolve_averages
 from .cut import cut
 from .expand_response import expand_response
 from .factor_convs import factor_convs
@@ -30,6 +31,7 @@ __all__ = [
     "average_pools",
     "compose_convs",
     "convert_opset",
+    "convolve_averages",
     "cut",
     "expand_response",
     "factor_convs",

@@ -10,7 +10,8 @@ import onnx
 
 from elf_export.calibration import CalibrationSet
 from elf_export.errors import ExportError
-from elf_export.graph.graph import GraphView
+from elf_export.graph.graph import Graph, GraphView
+from elf_export.graph.passes import convolve_averages
 from elf_runtime import InputSpec
 
 from .candidates import candidates
@@ -36,7 +37,7 @@ def quantize(model: onnx.ModelProto, images: CalibrationSet, spec: InputSpec, sc
     ExportError
         If no convolution gains.
     """
-    source = GraphView(model)
+    source = GraphView(convolve_averages(Graph(model)).model)
     names = candidates(source)
     schemes = schemes_for(source, names, images, spec, scale) if names else {}
     left: set[str] = set()
