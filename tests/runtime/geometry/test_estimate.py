@@ -1,53 +1,18 @@
-"""Geometry between the features of two images: planes and scenes that are known, and images of different things."""
+"""Geometry between the features of two images: of planes and scenes that are known, and settings that are wrong."""
 
 from __future__ import annotations
 
-from itertools import combinations
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from elf_runtime import ElfRuntime, Features, Matches, SettingError, estimate
+from elf_runtime import Matches, SettingError, estimate
 from elf_runtime.geometry.fit import METHODS
-from helpers import TINY, shared, textured
+from helpers import textured
 
-HOMOGRAPHY = np.array([[0.9, 0.12, 15.0], [-0.08, 1.05, -9.0], [1e-4, -5e-5, 1.0]])
-TURN = cv2.Rodrigues(np.array([0.02, 0.1, -0.03]))[0]
-ALONG = np.array([-1.0, 0.1, 0.2]) / np.linalg.norm([-1.0, 0.1, 0.2])
-K1 = np.array([[520.0, 0.0, 310.0], [0.0, 500.0, 250.0], [0.0, 0.0, 1.0]])
-K2 = np.array([[780.0, 0.0, 330.0], [0.0, 770.0, 230.0], [0.0, 0.0, 1.0]])
-KINDS = ("homography", "fundamental", "essential")
-
-
-def scene_points(count: int, wrong: int, second_camera: np.ndarray = K1) -> tuple[np.ndarray, np.ndarray]:
-    """Where two cameras see points of a scene with depth, float64; the last `wrong` are seen anywhere in the second."""
-    rng = np.random.default_rng(1)
-    scene = rng.uniform((-3, -2, 6), (3, 2, 14), (count, 3))
-    seen = (scene @ K1.T, (scene @ TURN.T + ALONG) @ second_camera.T)
-    first, second = (view[:, :2] / view[:, 2:] for view in seen)
-    second[count - wrong :] = rng.uniform(0, (640, 480), (wrong, 2))
-    return first, second
-
-
-def plane_points(count: int, wrong: int) -> tuple[np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(0)
-    first = rng.uniform(0, (640, 480), (count, 2))
-    second = cv2.perspectiveTransform(first[None], HOMOGRAPHY)[0]
-    second[count - wrong :] = rng.uniform(0, (640, 480), (wrong, 2))
-    return first, second
-
-
-def described(first: np.ndarray, second: np.ndarray) -> tuple[Features, Features]:
-    """Features whose descriptors match them in the order given, the second side's reversed."""
-    rows = np.random.default_rng(2).standard_normal((len(first), 32))
-    rows = (rows / np.linalg.norm(rows, axis=1, keepdims=True)).astype(np.float32)
-    scores = np.ones(len(first), np.float32)
-    return (
-        Features(first.astype(np.float32), scores, rows, (480, 640)),
-        Features(second[::-1].astype(np.float32), scores, rows[::-1].copy(), (480, 640)),
-    )
+from .scenes import ALONG, HOMOGRAPHY, K1, K2, TURN, described, plane_points, scene_points
 
 
 def essential_matrix() -> np.ndarray:
@@ -171,72 +136,6 @@ def test_images_refine_the_matches() -> None:
         error.append(np.linalg.norm(np.subtract(*ends), axis=1).max())
     assert error[1] < 0.3 * error[0]
     assert error[1] < 0.1
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("method", METHODS)
-def test_unrelated_points_have_no_geometry(kind: str, method: str) -> None:
-    for count in (0, 3, 5, 8, 30, 300):
-        first, second = np.random.default_rng(count).uniform(0, (640, 480), (2, count, 2))
-        K = K1 if kind == "essential" else None
-        assert estimate(*described(first, second), kind, K, ratio=None, method=method) is None
-
-
-LINE = np.outer(np.linspace(0, 400, 40), [1, 0.5])
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(
-    "points", [np.full((40, 2), 7.0), LINE, LINE + np.random.default_rng(0).normal(0, 0.3, LINE.shape), LINE[:1]]
-)
-def test_points_at_one_place_or_on_one_line_have_no_geometry(kind: str, method: str, points: np.ndarray) -> None:
-    assert estimate(*described(points, points + 5), kind, K1 if kind == "essential" else None, method=method) is None
-
-
-@pytest.mark.parametrize("side", [0, 1])
-def test_a_line_in_one_of_the_images_is_enough(side: int) -> None:
-    spread = plane_points(40, 0)[0]
-    pair = [spread, spread]
-    assert estimate(*described(*pair), "homography") is not None
-    pair[side] = spread * [1, 0.001]
-    assert estimate(*described(*pair), "homography") is None
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("count", range(9))
-def test_a_handful_of_matches_has_a_geometry_only_beyond_what_fixes_it(kind: str, count: int) -> None:
-    first, second = plane_points(120, 0) if kind == "homography" else scene_points(120, 0)
-    view = estimate(*described(first[:count], second[:count]), kind, K1 if kind == "essential" else None)
-    assert view is None or count > {"homography": 4, "fundamental": 7, "essential": 5}[kind]
-
-
-def test_pictures_of_different_things_have_no_geometry() -> None:
-    elf = ElfRuntime(TINY, threads=1)
-    found = [elf.detect(textured(240, 320, seed), threshold="none") for seed in range(4)]
-    for a, b in combinations(found, 2):
-        for kind in KINDS:
-            assert estimate(a, b, kind, K1 if kind == "essential" else None, ratio=None) is None
-
-
-def test_photographs() -> None:
-    """Different scenes have no geometry; the views of one have, with the homography that is known."""
-    folder = shared("data", "oxford_affine")
-    elf = ElfRuntime(threads=1)
-    scenes = ("v_graf", "i_leuven", "i_ubc", "v_wall")
-    first, second = ([elf.detect(folder / scene / f"{n}.png") for scene in scenes] for n in (1, 2))
-    for i, j in combinations(range(len(scenes)), 2):
-        for kind in KINDS:
-            assert estimate(first[i], first[j], kind, K1 if kind == "essential" else None) is None
-    for scene, a, b in zip(scenes, first, second, strict=True):
-        images = (folder / scene / "1.png", folder / scene / "2.png")
-        truth = np.loadtxt(folder / scene / "H_1_2")
-        view = estimate(a, b, "homography", images=images)
-        assert view is not None
-        assert view.points is not None
-        agreeing = view.points[0][view.inliers][None].astype(np.float64)
-        ends = [cv2.perspectiveTransform(agreeing, matrix)[0] for matrix in (view.matrix, truth)]
-        assert np.median(np.linalg.norm(ends[0] - ends[1], axis=1)) < 1.5, scene
 
 
 def test_settings_that_do_not_fit() -> None:
