@@ -12,10 +12,14 @@ from . import libraries as libraries  # before all that imports OpenCV or ONNX R
 from .contract import DescriptorSpec, InputSpec, ModelContract, WeightsSpec
 from .engine import ElfRuntime
 from .errors import ContractError, ElfError, ImageError, ModelError, ProviderError, SettingError
+from .geometry.estimate import estimate
+from .geometry.refine import refine
+from .geometry.two_view import TwoView
 from .model.ort_format import to_ort
 from .params import DetectionParams
 from .presets import PRESETS, preset
 from .results.features import Features
+from .results.matches import Matches
 from .results.matching import match
 from .results.trace import Level, Trace
 
@@ -32,13 +36,17 @@ __all__ = [
     "ImageError",
     "InputSpec",
     "Level",
+    "Matches",
     "ModelContract",
     "ModelError",
     "ProviderError",
     "SettingError",
     "Trace",
+    "TwoView",
     "WeightsSpec",
+    "estimate",
     "match",
     "preset",
+    "refine",
     "to_ort",
 ]

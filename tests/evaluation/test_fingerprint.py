@@ -49,7 +49,7 @@ def changes(packages, file, text="CHANGED = 1\n"):
         ("elf_runtime/checks/greedy.py", [False, False, True]),
         ("elf_runtime/commands/detect.py", [False, False, False]),
         ("elf_runtime/pictures/render.py", [False, False, False]),
-        ("elf_runtime/results/two_view.py", [False, False, False]),
+        ("elf_runtime/geometry/two_view.py", [False, False, False]),
         ("elf_eval/features.py", [True, True, True]),
         ("elf_eval/methods/elf.py", [True, False, False]),
         ("elf_eval/methods/gradient.py", [False, True, False]),

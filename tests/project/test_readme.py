@@ -15,21 +15,21 @@ from helpers import ROOT
 PAGES = {name: (ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/usage.md", "docs/quality.md")}
 
 
-def run_the_block(page: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """The names that the page's one block of Python leaves behind, run in a folder that has the demo's photograph."""
+def run_the_blocks(page: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """The names that the page's blocks of Python leave behind, run one by one beside the demo's photograph."""
     (folder / "demo").symlink_to(ROOT / "demo", target_is_directory=True)
     monkeypatch.chdir(folder)
-    (block,) = re.findall(r"^```python\n(.*?)^```", PAGES[page], re.MULTILINE | re.DOTALL)
     names: dict[str, Any] = {}
-    exec(block, names)
+    for block in re.findall(r"^```python\n(.*?)^```", PAGES[page], re.MULTILINE | re.DOTALL):
+        exec(block, names)
     return names
 
 
 @pytest.mark.parametrize(("page", "second"), [("README.md", 500), ("docs/usage.md", 300)])
-def test_the_first_block_runs_in_a_fresh_clone(
+def test_the_python_runs_in_a_fresh_clone(
     page: str, second: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    names = run_the_block(page, tmp_path, monkeypatch)
+    names = run_the_blocks(page, tmp_path, monkeypatch)
     a, b, pairs = (names[name] for name in ("a", "b", "pairs"))
     assert (len(a), len(b)) == (500, second)
     assert a.keypoints.shape == (500, 2)
@@ -39,6 +39,9 @@ def test_the_first_block_runs_in_a_fresh_clone(
     shifts = a.keypoints[pairs[:, 0]] - b.keypoints[pairs[:, 1]]
     assert len(pairs) > 200
     np.testing.assert_allclose(np.median(shifts, axis=0), (60, 40), atol=0.5)
+    np.testing.assert_allclose(
+        names["view"].matrix / names["view"].matrix[2, 2], [[1, 0, -60], [0, 1, -40], [0, 0, 1]], atol=0.5
+    )
     if page == "docs/usage.md":
         points, descriptors = names["points"], names["descriptors"]
         assert (len(points), descriptors.shape) == (500, (500, 128))

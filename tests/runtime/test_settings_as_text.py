@@ -23,7 +23,7 @@ VALUES = {
     "min_contrast": [0.0, 255.0],
     "grid": [(4, 6)],
     "scales": [(0.9,), (0.225, 0.45, 0.9), (1 / 3, 1, 1.5, 2, 8)],
-    "suppression": ["greedy", "maxima"],
+    "suppression": ["maxima"],
 }
 
 

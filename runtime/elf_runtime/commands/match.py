@@ -14,11 +14,12 @@ import numpy as np
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import SettingError, printable
 from elf_runtime.files.write import write_atomically
+from elf_runtime.geometry.fit import Search, fit
+from elf_runtime.geometry.two_view import TwoView
 from elf_runtime.image.file import image_errors
 from elf_runtime.pictures.render import match_picture
 from elf_runtime.results.features import Features
 from elf_runtime.results.matching import match
-from elf_runtime.results.two_view import LEAST_MATCHES, TwoView, fit
 
 from . import command, options
 from .command import UsageError
@@ -54,7 +55,7 @@ def build_parser() -> command.Parser:
     parser.add_argument("b", metavar="B", help="second image")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="draw the matches: .png or .jpg")
     parser.add_argument("--ratio", type=float, metavar="R", help="keep matches below R x the second nearest distance")
-    parser.add_argument("--ransac", choices=list(LEAST_MATCHES), help="fit a geometry and draw its inliers")
+    parser.add_argument("--ransac", choices=["homography", "fundamental"], help="fit a geometry and draw its inliers")
     parser.add_argument(
         "--ransac-threshold",
         type=float,
@@ -104,7 +105,7 @@ def _work(args: argparse.Namespace) -> int:
     first, second = (_detected(elf, *image, args) for image in zip((args.a, args.b), pixels, strict=True))
     pairs = match(first, second, args.ratio)
     points = (first.keypoints[pairs[:, 0]], second.keypoints[pairs[:, 1]])
-    view = fit(*points, args.ransac, args.ransac_threshold) if args.ransac else None
+    view = fit(*points, args.ransac, Search("magsac", args.ransac_threshold)) if args.ransac else None
 
     text, at_best = f"{len(pairs)} matches", ""
     if view is not None:

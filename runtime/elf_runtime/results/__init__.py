@@ -1,4 +1,4 @@
-"""What detection gives: features, the trace that led to them, matches, and the geometry that matches agree with.
+"""What detection gives: features, the trace that led to them, and matches.
 
 May import the settings, `files` and errors.
 """

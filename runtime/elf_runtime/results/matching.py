@@ -44,6 +44,24 @@ def match(
         If the dimensions differ, descriptors are NaN, infinite, no numbers or no (N, D) array, or `ratio` is out of
         range.
     """
+    return mutual_nearest(first, second, ratio)[0]
+
+
+def mutual_nearest(
+    first: Features | npt.NDArray[np.number],
+    second: Features | npt.NDArray[np.number],
+    ratio: float | None = None,
+    distances: bool = False,
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    """What `match` gives, and how far the first side's descriptors are from their two nearest of the second.
+
+    Returns
+    -------
+    pairs : (K, 2) int64
+    squared : (K, 2) float64
+        Squared distance to the nearest and to the second nearest, infinite where there is no second; (0, 2) unless
+        `distances` are asked for.
+    """
     a, b = _rows(first, "first"), _rows(second, "second")
     if ratio is not None and not (is_number(ratio) and 0.0 < ratio < 1.0):
         raise SettingError(f"ratio is a number in (0, 1), not {ratio!r}")
@@ -52,16 +70,17 @@ def match(
     if a.shape[1] == 0 and len(a) and len(b):
         raise SettingError("these features have no descriptors: the model was exported with --desc none")
     if len(a) == 0 or len(b) == 0:
-        return np.zeros((0, 2), np.int64)
+        return np.zeros((0, 2), np.int64), np.zeros((0, 2))
     unit = _is_unit(a) and _is_unit(b)
     kind: type[np.floating] = np.float32 if unit else np.float64
     a, b = a.astype(kind, copy=False), b.astype(kind, copy=False)
-    to_b, to_a, squared = _nearest(a, b, second=ratio is not None and len(b) > 1)
+    to_b, to_a, squared = _nearest(a, b, second=distances or ratio is not None)
     index = np.arange(len(a))
     keep = to_a[to_b] == index
     if squared is not None and ratio is not None:
         keep &= squared[:, 0] < ratio * ratio * squared[:, 1]
-    return np.stack([index[keep], to_b[keep]], axis=1)
+    pairs = np.stack([index[keep], to_b[keep]], axis=1)
+    return pairs, squared[keep] if squared is not None and distances else np.zeros((0, 2))
 
 
 def _rows(side: Features | npt.ArrayLike, name: str) -> Rows:
@@ -112,13 +131,13 @@ def _nearest(a: Rows, b: Rows, second: bool) -> tuple[Index, Index, npt.NDArray[
     -------
     to_b : (N,), to_a : (M,)
     squared : (N, 2), optional
-        Each row's squared distance to the nearest and the second nearest, where `second`.
+        Each row's squared distance to the nearest and the second nearest, infinite where there is none; where `second`.
     """
     unit = a.dtype == np.float32
     squares, half = (np.ones(len(a)), None) if unit else (_squares(a), _squares(b) / 2)
     to_b, to_a = np.zeros(len(a), np.int64), np.zeros(len(b), np.int64)
     best = np.full(len(b), -np.inf, a.dtype)
-    two = np.zeros((len(a), 2)) if second else None
+    two = np.full((len(a), 2), -np.inf) if second else None
     for start in range(0, len(a), _BAND):
         rows = slice(start, start + _BAND)
         products = a[rows] @ b.T
@@ -130,7 +149,7 @@ def _nearest(a: Rows, b: Rows, second: bool) -> tuple[Index, Index, npt.NDArray[
         better = highest > best
         best[better], to_a[better] = highest[better], place[better] + start
         if two is not None:
-            two[rows] = np.partition(from_a, len(b) - 2, axis=1)[:, :-3:-1]
+            two[rows, : len(b)] = np.partition(from_a, max(len(b) - 2, 0), axis=1)[:, :-3:-1]
     if two is None:
         return to_b, to_a, None
     return to_b, to_a, np.maximum((2.0 if unit else squares[:, None]) - 2.0 * two, 0.0)

@@ -15,8 +15,8 @@ from elf_runtime import ElfRuntime
 from elf_runtime import match as matched
 from elf_runtime.commands.bench_workloads import synthetic
 from elf_runtime.commands.match import main
+from elf_runtime.geometry.fit import fit
 from elf_runtime.image import read
-from elf_runtime.results.two_view import fit
 from helpers import TINY, turned_jpeg
 
 SHIFT = (16, 8)  # a multiple of the network's stride, so that it sees the same
@@ -73,7 +73,7 @@ def test_the_inlier_distance_reaches_the_fit(
     given: list[tuple[object, ...]] = []
 
     def spy(*arguments: Any) -> Any:
-        given.append(arguments[2:])
+        given.append((arguments[2], arguments[3].threshold))
         return fit(*arguments)
 
     monkeypatch.setattr("elf_runtime.commands.match.fit", spy)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from elf_runtime import SettingError
-from elf_runtime.results.two_view import TwoView, expected_by_chance, fit
+from elf_runtime.geometry.fit import Search, fit
+from elf_runtime.geometry.two_view import TwoView, expected_by_chance
 
 HOMOGRAPHY = np.array([[0.9, 0.12, 15.0], [-0.08, 1.05, -9.0], [1e-4, -5e-5, 1.0]])
 
@@ -47,7 +48,7 @@ def test_finds_the_homography_among_wrong_matches() -> None:
 
 def test_finds_the_fundamental_matrix_among_wrong_matches() -> None:
     first, second = rigid(120, 40)
-    view = fit(first, second, "fundamental", threshold=1.0)
+    view = fit(first, second, "fundamental", Search(threshold=1.0))
     assert view.matrix is not None
     assert view.inliers[:80].all()
     assert view.inliers[80:].sum() <= 4  # a random point lies near its epipolar line now and then
@@ -88,20 +89,23 @@ def test_settings_out_of_range_are_named() -> None:
     first, second = planar(10, 0)
     with pytest.raises(SettingError, match="affine"):
         fit(first, second, "affine")
+    with pytest.raises(SettingError, match="needs K"):
+        fit(first, second, "essential")
     with pytest.raises(SettingError, match="threshold"):
-        fit(first, second, threshold=0.0)
+        Search(threshold=0.0)
 
 
 def by_binomials(matches: int, inliers: int, kind: str, threshold: float, size: tuple[float, float]) -> float:
+    strip = 2 * threshold * math.hypot(*size)
     sample, solutions, within = {
-        "homography": (4, 1, math.pi * threshold**2), "fundamental": (7, 3, 2 * threshold * math.hypot(*size)),
+        "homography": (4, 1, math.pi * threshold**2), "fundamental": (7, 3, strip), "essential": (5, 10, strip),
     }[kind]  # fmt: skip
     p = within / (size[0] * size[1])
     samples = math.comb(matches, inliers) * math.comb(inliers, sample)
     return solutions * (matches - sample) * samples * p ** (inliers - sample)
 
 
-@pytest.mark.parametrize("kind", ["homography", "fundamental"])
+@pytest.mark.parametrize("kind", ["homography", "fundamental", "essential"])
 @pytest.mark.parametrize(("matches", "inliers"), [(16, 9), (83, 12), (400, 30), (400, 390)])
 def test_the_number_of_false_alarms(kind: str, matches: int, inliers: int) -> None:
     found = expected_by_chance(matches, inliers, kind, 3.0, (427, 640))
@@ -112,6 +116,7 @@ def test_chance_at_its_limits() -> None:
     assert expected_by_chance(4, 4, "homography", 3.0, (400, 600)) == math.inf  # a sample fits itself
     assert expected_by_chance(100, 60, "homography", 300.0, (400, 600)) > 1  # everything is near everything
     assert expected_by_chance(100, 60, "homography", 3.0, (0, 0)) > 1
+    assert expected_by_chance(100, 60, "fundamental", 3.0, (0, 0)) > 1
     assert 0 <= expected_by_chance(100_000, 99_000, "fundamental", 1.0, (4000, 6000)) < 1e-300
     assert expected_by_chance(100_000, 50, "fundamental", 1.0, (4000, 6000)) > 1e30
 
@@ -137,3 +142,9 @@ def test_a_two_view_says_what_it_is() -> None:
     view = fit(*planar(100, 40), "homography")
     assert repr(view) == f"TwoView(homography: {view.inliers.sum()} inliers of 100 matches)"
     assert repr(TwoView("fundamental", None, np.zeros(3, np.bool_))) == "TwoView(fundamental: none fitted)"
+
+
+def test_two_views_are_compared_by_identity() -> None:
+    one, two = (TwoView("homography", np.eye(3), np.ones(4, np.bool_)) for _ in range(2))
+    assert one in [one]
+    assert one != two
