@@ -75,6 +75,8 @@ class ModelContract:
             del values["compression"]  # as of files that are older than the field
         if not self.detection.scales:
             del values["detection"]["scales"]  # likewise
+        if not self.detection.oriented:
+            del values["detection"]["oriented"]
         return write_metadata(values)
 
     @classmethod
