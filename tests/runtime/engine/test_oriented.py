@@ -86,6 +86,7 @@ def test_keypoints_are_described_by_their_angles(elf: ElfRuntime, image: np.ndar
     params = elf.params(oriented=True, scales=(0.5, 1.0), nms_radius=3)
     found = elf.detect(image, params=params)
     assert len(np.unique(found.sizes)) == 2
+    assert (found.angles >= 0).all()
     points, _ = found.to_cv2()
     np.testing.assert_array_equal([point.angle for point in points], found.angles)
     np.testing.assert_allclose(elf.describe(image, points, params=params), found.descriptors, atol=2e-3)
