@@ -58,6 +58,10 @@ class DetectionParams:
         Several working scales, at most 5, in place of `scale`: keypoints are sought at each, as if it were the only
         one, and a keypoint suppresses weaker ones of the other scales too.  Each scale has a share of `max_keypoints`
         in proportion to it; what it can't fill goes to the strongest left over.  "none", the empty tuple, is `scale`.
+    oriented : bool
+        Give each keypoint an orientation, and describe what is around it turned upright by that: for images that are
+        turned in their plane.  The network then looks at a patch for each keypoint (see `upright`), which takes most of
+        the time unless images are large.  Not for a model of one size only.
     quantize : bool
         Round the normalised saliency to 8 bits before the blurs, as the paper does.
     normalize : float
@@ -82,6 +86,7 @@ class DetectionParams:
     grid: tuple[int, int] = (1, 1)
     scales: tuple[float, ...] = ()
     suppression: str = "greedy"
+    oriented: bool = False
 
     def __post_init__(self) -> None:
         for name in _RULES:
@@ -202,6 +207,7 @@ _RULES: Mapping[str, tuple[str, Checked]] = {
     "mask_border": ("'auto' or an integer >= 0", word(("auto",), integer)),
     "min_contrast": ("a number of grey levels in [0, 255]", number(255.0)),
     "grid": ("(rows, columns), integers >= 1", grid),
+    "oriented": _FLAG,
     "scales": (f"'none' or up to {MOST_SCALES} different numbers in (0, 8]", scales),
     "suppression": ("'greedy' or 'maxima'", word(("greedy", "maxima"), lambda _: None)),
 }

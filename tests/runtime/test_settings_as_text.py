@@ -22,6 +22,7 @@ VALUES = {
     "mask_border": [0, 7],
     "min_contrast": [0.0, 255.0],
     "grid": [(4, 6)],
+    "oriented": [True],
     "scales": [(0.9,), (0.225, 0.45, 0.9), (1 / 3, 1, 1.5, 2, 8)],
     "suppression": ["maxima"],
 }

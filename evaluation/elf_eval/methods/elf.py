@@ -56,9 +56,9 @@ class Elf(Method):
         return LocalFeatures.build(found.keypoints, found.scores, found.descriptors, found.sizes, found.angles)
 
     def describe(self, image: Image, features: LocalFeatures) -> LocalFeatures:
-        # With their sizes, by which they find their scale where there are several.
-        sized = zip(features.keypoints.tolist(), features.sizes.tolist(), strict=True)
-        points = [cv2.KeyPoint(x, y, size) for (x, y), size in sized]
+        # With their sizes, by which they find their scale where there are several, and the angles to turn them by.
+        columns = (features.keypoints.tolist(), features.sizes.tolist(), features.angles.tolist())
+        points = [cv2.KeyPoint(x, y, size, angle) for (x, y), size, angle in zip(*columns, strict=True)]
         return features.described(
             self._runtime.describe(image.pixels, points, descriptor=self._descriptor, params=self._params)
         )

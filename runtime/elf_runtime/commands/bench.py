@@ -14,6 +14,7 @@ import cv2
 
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.image import read
+from elf_runtime.params import setting_text
 from elf_runtime.pictures.render import displayable
 from elf_runtime.presets import PRESETS
 from elf_runtime.timing.environment import environment, usable_cores
@@ -82,6 +83,7 @@ def build_parser() -> command.Parser:
     parser.add_argument("--json", metavar="FILE", help="write everything, samples included; - is standard output")
     options.add_model_options(parser)
     parser.add_argument("--preset", choices=PRESETS, help="detection settings; default: the model's own")
+    options.add_set_option(parser)
     parser.add_argument(
         "--spin", action="store_true", help="let idle threads spin between runs too: pays where cores are free"
     )
@@ -108,6 +110,7 @@ def _work(args: argparse.Namespace) -> int:
     check_outputs({"--json": [args.json]}, {"the image": [args.image], "a model": [args.model, args.torch_model]})
     args.threads = args.threads or usable_cores()
     elf = _open(args.model, args)
+    params = elf.params(args.preset, **dict(args.set))
     least = elf.contract.input.min_size
     for height, width in args.sizes:
         if min(height, width) < least:
@@ -116,6 +119,7 @@ def _work(args: argparse.Namespace) -> int:
     report: dict[str, Any] = {
         "model": {"file": args.model or "bundled", "network": elf.contract.network, "layer": elf.contract.layer},
         "preset": args.preset or "default",
+        "set": [f"{name}={setting_text(value)}" for name, value in args.set],
         "image": args.image or "synthetic, seed 0",
         "environment": environment(args.threads, elf.providers[0]),
         "repeats": args.repeats,
@@ -134,14 +138,14 @@ def _work(args: argparse.Namespace) -> int:
             image = synthetic(height, width) if photo is None else cv2.resize(photo, (width, height))
             picture = Path(folder) / f"{len(runs)}.png"
             write_picture(picture, image)
-            workloads = [ours(elf, picture, args.preset), *(saliencies(elf, twin, image) if wanted else [])]
+            workloads = [ours(elf, picture, params), *(saliencies(elf, twin, image) if wanted else [])]
             runs.append(SizeRun(image, [*workloads, *peers(wanted, image, torch_saliency)]))
         time_in_turn(runs, args.warmup, args.repeats)
         for run in runs:
             entry = run.entry()
             if torch_saliency is not None:
                 entry["saliency_agreement"] = run.agreement(twin or elf, torch_saliency)
-            entry["memory"] = peak_memory(args.model, args.provider, args.threads, run.image.shape[:2], args.preset)
+            entry["memory"] = peak_memory(args.model, args.provider, args.threads, run.image.shape[:2], params)
             report["sizes"].append(entry)
     say(table(report), sys.stderr if args.json == "-" else None)
     if args.json:

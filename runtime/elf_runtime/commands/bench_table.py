@@ -19,7 +19,7 @@ def table(report: Mapping[str, Any]) -> str:
         env["platform"],
         ", ".join(f"{name} {env[name]}" for name in ("python", "onnxruntime", "numpy", "opencv"))
         + "".join(f", {note}" for note in used),
-        f"image: {report['image']}; preset {report['preset']}",
+        f"image: {report['image']}; preset {', '.join([report['preset'], *report['set']])}",
         f"{report['repeats']} interleaved repetitions after {report['warmup']} of warm-up",
         f"start-up, median of {start['processes']} fresh processes: import {1e3 * start['import_s']:.0f} ms, "
         f"load {1e3 * start['load_s']:.0f} ms",

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.model.bundled import bundled_model
 from elf_runtime.model.ort_format import is_ort_format
+from elf_runtime.params import DetectionParams
 from elf_runtime.timing.interleave import Workload
 
 Image = npt.NDArray[np.uint8]
@@ -22,11 +23,11 @@ PEERS = ("torch", "sift", "orb")
 PEER_KEYPOINTS = 500
 
 
-def ours(elf: ElfRuntime, file: Path, preset: str | None = None) -> Workload:
+def ours(elf: ElfRuntime, file: Path, params: DetectionParams) -> Workload:
     """Detection from an image file, stage by stage."""
 
     def detect() -> tuple[int | None, dict[str, float]]:
-        trace = elf.trace(file, preset=preset)
+        trace = elf.trace(file, params=params)
         return len(trace.features), trace.seconds
 
     return Workload("elf", "ELF, decode to descriptors", detect)

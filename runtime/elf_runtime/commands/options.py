@@ -58,6 +58,10 @@ def add_detection_options(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     group.add_argument("--scale", type=float, metavar="S", help="resize the image by S for the network (0.5 = half)")
     group.add_argument("--descriptor", metavar="LAYER", help="which of the model's descriptors (see elf-info)")
+    add_set_option(group)
+
+
+def add_set_option(group: argparse._ActionsContainer) -> None:
     group.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", type=setting,
         help=f"any setting, such as normalize=0.95 or denoise=5,1.2; may be given several times. NAME is one of "

@@ -17,6 +17,7 @@ from .pyramid import Candidates, merged
 from .refine import quadratic_peaks
 from .select import Index, select_keypoints
 from .threshold import blurred, passing
+from .upright import UprightPatches
 from .working_image import Levels, WorkingImage
 
 
@@ -30,12 +31,15 @@ class Seen:
     saliency : (h, w) float32, >= 0
         Of the image's pixels.
     described : DescriptorMap, optional
-        Without one, descriptors have no values.
+        Without one, and without `upright`, descriptors have no values.
+    upright : UprightPatches, optional
+        What describes the keypoints in place of a map, and gives them orientations.
     """
 
     image: WorkingImage
     saliency: Array
     described: DescriptorMap | None
+    upright: UprightPatches | None = None
 
 
 def detect(seen: Sequence[Seen], params: DetectionParams, watch: Stopwatch) -> Trace:
@@ -51,8 +55,8 @@ def detect(seen: Sequence[Seen], params: DetectionParams, watch: Stopwatch) -> T
     image = seen[0].image
     if len(seen) == 1:
         with watch("descriptors"):
-            places, descriptors = _placed(seen[0], levels[0], points[0], params)
-        features = Features(places, scores[0], descriptors, image.scaling.source, params.nms_radius)
+            places, descriptors, angles = _placed(seen[0], levels[0], points[0], params)
+        features = Features(places, scores[0], descriptors, image.scaling.source, params.nms_radius, angles=angles)
         return Trace(features, levels, watch.seconds)
     with watch("nms"):
         level, index = _across_scales(seen, points, scores, params)
@@ -60,11 +64,11 @@ def detect(seen: Sequence[Seen], params: DetectionParams, watch: Stopwatch) -> T
     with watch("descriptors"):
         parts = [_placed(*of, points[i][own[i]], params) for i, of in enumerate(zip(seen, levels, strict=True))]
         order = np.argsort(np.argsort(level, kind="stable"))  # of what is kept, level by level
-        places, descriptors = (np.concatenate(part)[order] for part in zip(*parts, strict=True))
+        places, descriptors, angles = (np.concatenate(part)[order] for part in zip(*parts, strict=True))
     strength = np.concatenate([score[kept] for score, kept in zip(scores, own, strict=True)])[order]
     scales = np.array([one.image.scaling.scale for one in seen])
     sizes = (window_size(params.nms_radius, image.scaling.source) * scales[0] / scales[level]).astype(np.float32)
-    features = Features(places, strength, descriptors, image.scaling.source, params.nms_radius, sizes)
+    features = Features(places, strength, descriptors, image.scaling.source, params.nms_radius, sizes, angles)
     return Trace(features, levels, watch.seconds)
 
 
@@ -99,14 +103,20 @@ def _across_scales(
     return merged(candidates, radius, params.max_keypoints)
 
 
-def _placed(seen: Seen, level: Level, found: Index, params: DetectionParams) -> tuple[Array, Array]:
-    """Where a level's keypoints lie in the source image, (N, 2), and their descriptors, (N, D)."""
+def _placed(seen: Seen, level: Level, found: Index, params: DetectionParams) -> tuple[Array, Array, Array]:
+    """Where a level's keypoints lie in the source image, (N, 2), their descriptors, (N, D), and angles, (N,)."""
     points = found.astype(np.float32)
     if params.subpixel:
         points = seen.image.kept_inside(quadratic_peaks(level.scores, found), found, params.border)
-    described = seen.described
-    descriptors = described.at(points) if described is not None else np.zeros((len(points), 0), np.float32)
-    return seen.image.scaling.to_source(points), descriptors
+    angles = np.full(len(points), -1, np.float32)
+    if seen.upright is not None:
+        angles = seen.upright.angles(points)
+        descriptors = seen.upright.at(points, angles)
+    elif seen.described is not None:
+        descriptors = seen.described.at(points)
+    else:
+        descriptors = np.zeros((len(points), 0), np.float32)
+    return seen.image.scaling.to_source(points), descriptors, angles
 
 
 def nothing_found(images: Levels, dim: int, params: DetectionParams, watch: Stopwatch) -> Trace:

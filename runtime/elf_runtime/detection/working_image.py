@@ -100,8 +100,10 @@ def prepare(
     ImageError
         On an image that is too small, or an image or mask that can't be processed.
     SettingError
-        On a working scale, where the model takes one size only.
+        On a working scale or oriented keypoints, where the model takes one size only.
     """
+    if params.oriented and contract.input.is_fixed:
+        raise SettingError(f"{model} takes images of one size only, and not the patches of oriented keypoints")
     # One pixel stands for an image of one colour, which may be a gigabyte that was a kilobyte of file.
     blank = images.is_blank(image)
     pixels = images.to_pixels(image[:1, :1] if blank else image, contract.input)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import groupby, islice
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy.typing as npt
 from elf_runtime.contract import DescriptorSpec, ModelContract
 from elf_runtime.detection.descriptors import Array, DescriptorMap, as_points
 from elf_runtime.detection.detect import Seen, detect, nothing_found
+from elf_runtime.detection.upright import Sheet, UprightPatches
 from elf_runtime.detection.working_image import Levels, WorkingImage, nearest_level, prepare
 from elf_runtime.errors import ImageError, SettingError
 from elf_runtime.image.file import ImageLike, check_pixels, image_errors, read
@@ -107,24 +109,44 @@ class OpenedModel:
     ) -> Iterator[Trace]:
         """The detections of images of the same working sizes, which go through the network together."""
         textured = [levels for levels in group if levels[0].textured]
+        mapped = None if params.oriented else spec
         with watch("session"):
             outputs = [
-                self._network.run([image.pixels for image in same_size], spec, levels=len(group[0]))
+                self._network.run([image.pixels for image in same_size], mapped, levels=len(group[0]))
                 for same_size in zip(*textured, strict=True)
             ]
         order = iter(range(len(textured)))
         for levels in group:
             if levels[0].textured:
                 i = next(order)
-                seen = [self._seen(image, maps, i, spec) for image, maps in zip(levels, outputs, strict=True)]
+                seen = [self._seen(image, maps, i, params, spec) for image, maps in zip(levels, outputs, strict=True)]
                 yield detect(seen, params, watch)
             else:
                 yield nothing_found(levels, spec.dim if spec else 0, params, watch)
 
-    def _seen(self, image: WorkingImage, maps: Mapping[str, Array], index: int, spec: DescriptorSpec | None) -> Seen:
+    def _seen(
+        self,
+        image: WorkingImage,
+        maps: Mapping[str, Array],
+        index: int,
+        params: DetectionParams,
+        spec: DescriptorSpec | None,
+    ) -> Seen:
         """An image with its part of what the network gives for a batch."""
+        saliency = maps[self.contract.saliency_output][index]
+        if params.oriented:
+            return Seen(image, saliency, None, self._upright(image, spec))
         described = DescriptorMap(maps[spec.output][index], spec, self._network.name) if spec else None
-        return Seen(image, maps[self.contract.saliency_output][index], described)
+        return Seen(image, saliency, described)
+
+    def _map(self, pixels: Array, spec: DescriptorSpec, levels: int = 1) -> DescriptorMap:
+        """The descriptor map of one image, which is one of `levels`."""
+        maps = self._network.run([pixels], spec, saliency=False, levels=levels)
+        return DescriptorMap(maps[spec.output][0], spec, self._network.name)
+
+    def _upright(self, image: WorkingImage, spec: DescriptorSpec | None) -> UprightPatches:
+        look = None if spec is None else partial(self._map, spec=spec)
+        return UprightPatches(image.pixels, Sheet.of(self.contract.input, spec), look, spec.dim if spec else 0)
 
     def _batches(
         self,
@@ -165,14 +187,20 @@ class OpenedModel:
         where = as_points(points)
         levels = self._prepare(image, params)
         found = np.zeros((len(where), spec.dim), np.float32)
-        level = np.zeros(len(where), np.int64)
-        if len(levels) > 1 and len(where) and hasattr(points[0], "pt"):
+        level, angles = np.zeros(len(where), np.int64), np.full(len(where), -1.0)
+        if len(where) and hasattr(points[0], "pt"):
+            angles = np.array([point.angle for point in points])
             level = nearest_level([point.size for point in points], levels, params.nms_radius)
         for number in np.unique(level):
             working, own = levels[number], level == number
-            maps = self._network.run([working.pixels], spec, saliency=False, levels=len(levels))
-            described = DescriptorMap(maps[spec.output][0], spec, self._network.name)
-            found[own] = described.at(working.scaling.to_working(where[own]))
+            places = working.scaling.to_working(where[own])
+            if params.oriented:
+                upright = self._upright(working, spec)
+                given = np.isfinite(angles[own]) & (angles[own] >= 0)
+                turned = np.where(given, angles[own], upright.angles(places))
+                found[own] = upright.at(places, turned)
+            else:
+                found[own] = self._map(working.pixels, spec, len(levels)).at(places)
         return found
 
     def _warm(self, size: tuple[int, int], params: DetectionParams) -> None:
@@ -183,5 +211,8 @@ class OpenedModel:
         noise = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
         levels, spec = self._prepare(noise, params), self.contract.descriptor()
         for image in levels:
-            self._network.expect(image.scaling.working, spec, len(levels))
+            mapped = None if params.oriented else spec
+            self._network.expect(image.scaling.working, mapped, levels=len(levels))
+        if params.oriented and spec is not None:
+            self._network.expect(Sheet.of(self.contract.input, spec).size, spec, saliency=False)
         list(self._traces([levels], params, spec, Stopwatch()))

@@ -186,8 +186,7 @@ class ElfRuntime(OpenedModel):
     ) -> Array:
         """The saliency map S(I) = |F^T dF/dI|, averaged over the image's channels.
 
-        `scale`, and `preset` or `params`, whose scale it is otherwise, are those of `detect`; of several scales, the
-        finest counts.
+        `scale`, and `preset` or `params`, whose scale it is otherwise, are those of `detect`; the finest of them.
 
         Returns
         -------
@@ -212,9 +211,10 @@ class ElfRuntime(OpenedModel):
         points : (N, 2) array of (x, y) in source-image pixels, or a sequence of cv2.KeyPoint
             A point outside the image takes the descriptor of the nearest place inside.
         descriptor, scale, preset, params : optional
-            As in `detect`; of the preset or `params` only its scale matters.  Where it has several, a cv2.KeyPoint is
-            described at the one whose keypoints have the size nearest to its own, by ratio (see `Features.sizes`), and
-            (x, y) at the finest.
+            As in `detect`; of the preset or `params` only its scale matters, and whether it is oriented.  Where it has
+            several, a cv2.KeyPoint is described at the one whose keypoints have the size nearest to its own, by ratio
+            (see `Features.sizes`), and (x, y) at the finest.  If oriented, a cv2.KeyPoint with an angle is turned by
+            that, others by what `detect` would give them.
 
         Returns
         -------
@@ -239,8 +239,8 @@ class ElfRuntime(OpenedModel):
     ) -> None:
         """Detect once on noise of (height, width) at a working scale, by default the preset's, else the model's.
 
-        The session of this size, one for each scale, is open then: `detect` on the first real image pays no first-use
-        costs.
+        The session of this size, one for each scale, is open then, and that of oriented keypoints' patches: `detect` on
+        the first real image pays no first-use costs.
 
         Raises
         ------

@@ -105,9 +105,11 @@ class Network:
             check_map(found[spec.output], spec, shape, self.name)
         return found
 
-    def expect(self, size: tuple[int, int], spec: DescriptorSpec | None, levels: int = 1) -> None:
+    def expect(
+        self, size: tuple[int, int], spec: DescriptorSpec | None, saliency: bool = True, levels: int = 1
+    ) -> None:
         """Open the session for single images of this working size (h, w), one of `levels`, which are to come."""
-        self.sessions.get(self._outputs(spec), (1, *size), expected=True, levels=levels)
+        self.sessions.get(self._outputs(spec, saliency), (1, *size), expected=True, levels=levels)
 
-    def _outputs(self, spec: DescriptorSpec | None, saliency: bool = True) -> list[str]:
+    def _outputs(self, spec: DescriptorSpec | None, saliency: bool) -> list[str]:
         return [self.contract.saliency_output] * saliency + ([spec.output] if spec is not None else [])

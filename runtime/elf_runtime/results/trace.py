@@ -45,7 +45,8 @@ class Trace:
     levels : tuple of Level
         Of each working scale, the finest first.
     seconds : dict
-        Time of each stage: read, prepare, session, blur, threshold, nms, descriptors.
+        Time of each stage: read, prepare, session, blur, threshold, nms, descriptors
+        (where keypoints are oriented, with the network's looks at their patches).
     saliency, scores, mask : (h, w) arrays
         Those of the finest level; see `Level`.
     """

@@ -12,6 +12,7 @@ from typing import Any
 
 import elf_runtime
 from elf_runtime.errors import ElfError
+from elf_runtime.params import DetectionParams
 
 # Peak memory is the kernel's high-water mark of the address space, where there is one: Linux hands ru_maxrss
 # on across fork and exec, so that a small process started by a large one would report the large one's.
@@ -38,11 +39,12 @@ def peak():
 
 result = {"import_s": imported - start, "load_s": loaded - imported, "peak_loaded_bytes": peak()}
 if options["size"]:
+    params = options["params"] and elf_runtime.DetectionParams.from_dict(options["params"])
     begin = time.perf_counter()
-    elf.warmup(tuple(options["size"]), preset=options["preset"])
+    elf.warmup(tuple(options["size"]), params=params)
     result["first_detect_s"] = time.perf_counter() - begin
     # onnxruntime may plan its memory, and take it, after the first run only
-    elf.warmup(tuple(options["size"]), preset=options["preset"])
+    elf.warmup(tuple(options["size"]), params=params)
     result["peak_detect_bytes"] = peak()
 print(json.dumps(result))
 """
@@ -59,17 +61,27 @@ def start_up(model: str | None, provider: str | None, threads: int, repeats: int
 
 
 def peak_memory(
-    model: str | None, provider: str | None, threads: int, size: tuple[int, int], preset: str | None = None
+    model: str | None, provider: str | None, threads: int, size: tuple[int, int], params: DetectionParams | None = None
 ) -> dict[str, float | None]:
     """Peak resident bytes of a fresh process: model loaded, and after two detections at `size` (H, W)."""
-    run = _run(model, provider, threads, size, preset)
+    run = _run(model, provider, threads, size, params)
     return {key: run[key] for key in ("peak_loaded_bytes", "peak_detect_bytes", "first_detect_s")}
 
 
 def _run(
-    model: str | None, provider: str | None, threads: int, size: tuple[int, int] | None, preset: str | None = None
+    model: str | None,
+    provider: str | None,
+    threads: int,
+    size: tuple[int, int] | None,
+    params: DetectionParams | None = None,
 ) -> dict[str, Any]:
-    options = {"model": model, "provider": provider, "threads": threads, "size": size, "preset": preset}
+    options = {
+        "model": model,
+        "provider": provider,
+        "threads": threads,
+        "size": size,
+        "params": params.to_dict() if params else None,
+    }
     # The child must find the package that runs here, even if it is not installed.
     package = str(Path(elf_runtime.__file__).resolve().parents[1])
     known = os.environ.get("PYTHONPATH")

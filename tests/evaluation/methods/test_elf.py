@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -76,6 +77,16 @@ def test_scales_with_their_sizes(model, image):
     assert (found.angles == -1).all()
     assert np.allclose(method.describe(image, found).descriptors, found.descriptors, atol=1e-5)
     assert len(open_method("elf?preset=multiscale", 1).extract(image, 30)) <= 30
+
+
+def test_oriented_keypoints_with_their_angles(model, image):
+    method = open_method(f"elf:{model}?oriented=true")
+    found = method.extract(image, 60)
+    direct = ElfRuntime(model).detect(image.pixels, oriented=True, max_keypoints=60)
+    assert np.array_equal(found.angles, direct.angles)
+    assert np.allclose(method.describe(image, found).descriptors, found.descriptors, atol=2e-3)
+    turned = replace(found, angles=(found.angles + 180) % 360)
+    assert (method.describe(image, turned).descriptors * found.descriptors).sum(axis=1).mean() < 0.9
 
 
 @pytest.mark.parametrize("option", ["descriptor=pool9", "preset=none", "nms_radius=-1"])

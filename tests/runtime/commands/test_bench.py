@@ -69,6 +69,17 @@ def test_a_preset_is_what_is_timed(tmp_path: Path, capsys: pytest.CaptureFixture
     assert counts[0] != counts[1]
 
 
+def test_settings_are_what_is_timed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = ["--sizes", "96x128", "--peers", "none", "--set", "max_keypoints=7", "--set", "oriented=true"]
+    assert bench(*given, "--json", tmp_path / "b.json") == 0
+    report = json.loads((tmp_path / "b.json").read_text())
+    assert report["set"] == ["max_keypoints=7", "oriented=true"]
+    assert report["sizes"][0]["keypoints"]["elf"] == 7
+    assert "preset default, max_keypoints=7, oriented=true" in capsys.readouterr().out
+    assert bench("--sizes", "96x128", "--peers", "none", "--set", "speed=1") == 2
+    assert "unknown detection setting 'speed'" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("target", "status", "reason"),
     [("p.png", 2, "p.png is the image"), ("nodir/b.json", 1, "there is no folder nodir")],
