@@ -15,6 +15,7 @@ from elf_export.checks.float64 import in_double
 from elf_export.graph.graph import Graph, GraphView, attributes
 from elf_export.graph.passes import cut
 from elf_export.precision.int8.candidates import candidates
+from elf_export.precision.int8.convolve import REST
 from elf_export.precision.int8.scheme import Scheme, fitted
 from elf_export.saliency import build_saliency
 from seeded import LRN
@@ -134,6 +135,8 @@ def stepwise(
     for node in evaluator.rt_nodes_:
         first = node.op_type == "Conv" and node.output[0] not in steps
         given = [convolved.get(n, values[n]) if first and i == 0 else values[n] for i, n in enumerate(node.input)]
+        if first and roundings and node.input[0] in inside and given[1].shape[1] == 2 * given[0].shape[1]:
+            given[0] = with_rest(values[node.input[0]], given[0], roundings[node.input[0]])
         for name, value in zip(node.output, node.run(*given), strict=False):
             store(name, value)
     return values, integers
@@ -212,7 +215,8 @@ def with_rounded_weights(model: onnx.ModelProto, lowered: onnx.ModelProto) -> on
     result.CopyFrom(model)
     for node in result.graph.node:
         if node.op_type == "Conv" and node.output[0] not in steps:
-            rounded = in_127_levels(graph.constant(node.input[1]).astype(np.float64))
+            rounded = graph.constant(node.input[1]).astype(np.float64)
+            rounded = in_127_levels(for_rests(rounded) if has_rests(lowered, node.input[0]) else rounded)
         elif node.op_type == "ConvTranspose":
             rounded, (top, left) = graph.constant(node.input[1]).astype(np.float64), attributes(node)["pads"][:2]
             outputs = 0 if attributes(node).get("group", 1) > 1 else 1
@@ -223,6 +227,20 @@ def with_rounded_weights(model: onnx.ModelProto, lowered: onnx.ModelProto) -> on
             node.input[1] = f"{node.output[0]}/127"
             result.graph.initializer.append(numpy_helper.from_array(rounded.astype(np.float32), node.input[1]))
     return result
+
+
+def has_rests(lowered: onnx.ModelProto, x: str) -> bool:
+    return any(node.output[0] == f"{x}/rest" for node in lowered.graph.node)
+
+
+def with_rest(exact: np.ndarray, rounded: np.ndarray, scheme: Scheme) -> np.ndarray:
+    """The rounded values, and behind them what that left, in steps of which `REST` are one."""
+    rest = Scheme(scheme.scale / REST, scheme.zero).rounded(exact - rounded)
+    return np.concatenate([rounded, REST * rest], axis=1)
+
+
+def for_rests(kernel: np.ndarray) -> np.ndarray:
+    return np.concatenate([kernel, kernel / REST], axis=1)
 
 
 def in_127_levels(kernel: np.ndarray) -> np.ndarray:

@@ -7,11 +7,14 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from elf_export.graph.graph import GraphView
+from elf_export.precision.int8.convolve import REST
 from elf_export.precision.int8.rewrite import rewrite
+from elf_export.precision.int8.scheme import Scheme
 from elf_export.precision.int8.speedup import losing
 from elf_export.saliency import build_saliency
+from export import small_models as small
 
-from .rounded_networks import images, schemes_of, session
+from .rounded_networks import images, schemes_of, session, with_values
 from .test_regions import network_of
 
 
@@ -72,3 +75,17 @@ def test_phases_of_every_padding(size: int, stride: int, pad: int, group: int) -
     assert len(phases) == stride**2
     (found,), (wanted,) = (session(m).run(None, {"x": x}) for m in (lowered, floats))
     assert np.corrcoef(found.ravel(), wanted.ravel())[0, 1] > 0.97
+
+
+def test_a_soft_image_s_differences_are_below_a_step() -> None:
+    """A ramp of a tenth of a step a pixel: without the rest of the rounding its differences are mostly zero."""
+    kernel = np.zeros((16, 3, 3, 3), np.float32)
+    kernel[:, 0, 1, 0], kernel[:, 0, 1, 2] = -1, 1
+    tensors = {"w": kernel}
+    model = small.written("c = Conv<pads = [1, 1, 1, 1]>(x, w)  y = Sin(c)", tensors, [1, 3, 8, 64])
+    scheme = Scheme(1.0, 128)
+    lowered, _ = rewrite(GraphView(model), {"x": scheme})
+    x = np.broadcast_to(np.arange(64, dtype=np.float32) / 10, (1, 3, 8, 64)).copy()
+    found = with_values(lowered, ["c"], x)["c"][:, :, 1:-1, 1:-1]
+    np.testing.assert_allclose(found, 0.2, atol=2.5 / REST)
+    assert abs(found.mean() - 0.2) < 0.02

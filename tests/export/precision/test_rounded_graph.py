@@ -22,8 +22,11 @@ def test_all_readers_of_a_rounded_value_get_the_rounded_one(network: Network) ->
 
     def behind(name: str) -> set[str]:
         passed = {"QuantizeLinear", "DequantizeLinear", "Gather"}
-        nodes = readers[name]
-        return set().union(*(behind(n.output[0]) if n.op_type in passed else {n.op_type} for n in nodes))
+        found: set[str] = set()
+        for node in readers[name]:
+            rests = node.output[0].endswith(("/rest", "/with_rest_q"))
+            found |= behind(node.output[0]) if rests or node.op_type in passed else {node.op_type}
+        return found
 
     for name in inside_of(lowered):
         quantized = next(node for node in readers[name] if node.op_type == "QuantizeLinear")

@@ -14,7 +14,9 @@ from elf_export.precision.int8.scheme import Scheme
 from .rounded_networks import (
     NETWORKS,
     Network,
+    for_rests,
     forward,
+    has_rests,
     images,
     in_127_levels,
     inside_of,
@@ -24,6 +26,7 @@ from .rounded_networks import (
     session,
     steps_in,
     stepwise,
+    with_rest,
     with_rounded_weights,
     with_values,
 )
@@ -103,9 +106,12 @@ def test_it_is_the_gradient_of_the_rounded_network(name: str, channels_last: boo
             alone = before in inside or before == "x"
             scheme = roundings[before] if alone else scheme
             source = straight_through(value, scheme, False) if alone else value
+            rests = has_rests(lowered, before)
             exact = torch.nn.functional.conv2d(source, kernel, bias, padding=1)
-            q = torch.tensor(in_127_levels(kernel.numpy()))
+            q = torch.tensor(in_127_levels(for_rests(kernel.numpy()) if rests else kernel.numpy()))
             unit = scheme.scale * kernel.abs().amax(dim=(1, 2, 3)) / 63  # biases are whole numbers of it
+            if rests:
+                source = torch.tensor(with_rest(value.detach().numpy(), source.detach().numpy(), scheme))
             result = torch.nn.functional.conv2d(source, q, torch.round(bias / unit) * unit, padding=1)
             value = exact + (result - exact).detach()
         elif kind == "relu":

@@ -76,8 +76,9 @@ def test_maps_that_are_joined_are_worth_a_map_of_both_their_sizes(other: Scheme)
 
 
 def test_channels_that_are_copied_cost_eight_each() -> None:
-    """3 pixels' channels in, 4 copied, for K results of 4 x 121: 6 + 32 + 6 K = 484 K / 60 is beyond 18 channels."""
-    for results, pays in ((18, False), (19, True)):
+    """Three channels in, out for their rests, which come in too; six joined, eight copied: 2 (3 + 9 + 3 + 6 + 32).
+    With K results of 4 x 121: 106 + 6 K = 484 K / 60 is beyond 51 channels."""
+    for results, pays in ((51, False), (52, True)):
         kernel = small.weights(results, 3, 11, 11)
         body = "s = Sin(x)  c = Conv<pads = [5, 5, 5, 5]>(s, w)  y = Cos(c)"
         model = small.written(body, {"w": kernel}, [1, 3, 8, 8])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import onnx
 
@@ -13,17 +15,23 @@ from .scheme import weights
 FINE = 16.0  # how much finer small gradients are kept than large ones
 # What ONNX Runtime's 8-bit convolutions on x86 are fast for: channels of the input, and of the result, in such numbers.
 DEPTH, BREADTH = 4, 16
+# How much finer the rest is kept that rounding leaves of an image.  Its weights are that much smaller: more would leave
+# them too few of the 63 levels.
+REST = 8.0
 
 
 def convolve(
     quantizer: Quantizer, node: onnx.NodeProto, x: str, kernel: Array, bias: Array | None, output: str
 ) -> None:
     """The Conv with the rounded input, int8 weights and an int32 bias."""
-    graph = quantizer.graph
+    graph, given = quantizer.graph, attributes(node)
+    dense = given.get("group", 1) == 1
+    if dense and x in quantizer.inside and kernel.shape[1] <= DEPTH and quantizer.rounding[x].zero:
+        x, kernel = _with_rest(quantizer, x), np.concatenate([kernel, kernel / REST], axis=1)
     q, scales = weights(kernel)
-    source, given = quantizer.twins[x], attributes(node)
+    source = quantizer.twins[x]
     lack = -kernel.shape[1] % DEPTH
-    if lack and given.get("group", 1) == 1:
+    if lack and dense:
         q = np.pad(q, [(0, 0), (0, lack), (0, 0), (0, 0)])
         source = _deepened(quantizer, x, kernel.shape[1], lack)
     inputs = [source, _constant(quantizer, q, scales, f"{output}/weight")]
@@ -32,6 +40,21 @@ def convolve(
         whole = np.clip(np.rint(bias / steps.astype(np.float64)), -(2**31) + 1, 2**31 - 1)
         inputs.append(_constant(quantizer, whole.astype(np.int32), steps, f"{output}/bias"))
     graph.op("Conv", *inputs, name=node.name or output, outputs=[output], **given)
+
+
+def _with_rest(quantizer: Quantizer, x: str) -> str:
+    """x rounded, and behind it along the channels `REST` times what that leaves of x.
+
+    For a convolution of an image: on a soft one neighbours differ by less than a step.
+    """
+    graph, scheme, both = quantizer.graph, quantizer.rounding[x], f"{x}/with_rest"
+    if both not in quantizer.integers:
+        rest = graph.op("Sub", x, quantizer.twins[x], name=f"{x}/rest")
+        finer = quantizer.scale(f"{x}/rest", replace(scheme, scale=scheme.scale / REST))
+        q = graph.op("QuantizeLinear", rest, *finer, name=f"{x}/rest_q")
+        joined = graph.op("Concat", quantizer.integers[x], q, name=f"{x}/with_rest_q", axis=1)
+        quantizer.dequantize(both, joined, scheme)
+    return both
 
 
 def _deepened(quantizer: Quantizer, x: str, depth: int, lack: int) -> str:

@@ -113,6 +113,8 @@ class _Regions:
             return self._gain_of_conv(node, size)
         if node.op_type == "Gather":
             return -DEEPER * size
+        if self._enters_with_rest(node):
+            return -size
         clipped = node.op_type == "Clip" and self._is_integer(node.output[0])
         return size if clipped or node.op_type in MOVED or node.op_type in WITHIN else 0.0
 
@@ -124,7 +126,15 @@ class _Regions:
             return 0.0
         kernel = self.graph.shape(self.makers[node.input[1]].input[0]) or []
         depth = float(np.prod([d for d in kernel[1:] if isinstance(d, int)]))
-        return size * depth / MACS
+        source = self.makers[self.makers[node.input[0]].input[0]]
+        if source.op_type == "Gather":
+            source = self.makers[source.input[0]]
+        return size * depth / MACS / (2 if self._enters_with_rest(source) else 1)  # floats have no rests
+
+    def _enters_with_rest(self, node: onnx.NodeProto) -> bool:
+        """Whether the node joins an image's integers with what rounding left of it: see `convolve`."""
+        makers = [self.makers.get(name) for name in node.input]
+        return node.op_type == "Concat" and all(m is not None and self._enters(m) for m in makers)
 
     def _count(self, name: str) -> float:
         return float(np.prod(self.sizes[name]))
