@@ -17,14 +17,16 @@ _PAPER_BY_NETWORK: dict[str, DetectionParams] = {
     "laplacian": replace(_PAPER, denoise=(9, 9.0)),
 }
 
-# Measured with the bundled model (figures: docs/quality.md).  The blur grows with the working scale: it spans the same
-# part of the scene.  The border keeps out what the network's zero padding makes of plain coloured ground.
-DEFAULT = DetectionParams(denoise=(5, 1.2), normalize=0.95, nms_radius=6, border=14, scale=0.45, subpixel=True)
+# Measured with the bundled model (figures: docs/quality.md).  Windows of 5x5 working pixels, 7x7 where these are small.
+# The border keeps out what the network's zero padding makes of plain coloured ground.
+DEFAULT = DetectionParams(
+    denoise=(5, 1.2), normalize=0.95, nms_radius=5, suppression="maxima", border=14, scale=0.45, subpixel=True
+)
 _OURS: dict[str, DetectionParams] = {
-    "fast": replace(DEFAULT, scale=0.28, denoise=(3, 0.8), border=20, min_contrast=1.0),
+    "fast": replace(DEFAULT, scale=0.33, denoise=(3, 0.8), border=20, min_contrast=1.0),
     "default": DEFAULT,
-    "accurate": replace(DEFAULT, scale=0.75, denoise=(7, 1.8), border=12),
-    "multiscale": replace(DEFAULT, scales=(0.225, 0.45, 0.9), denoise=(3, 0.8)),
+    "accurate": replace(DEFAULT, scale=0.9, nms_radius=3, border=12),
+    "multiscale": replace(DEFAULT, scales=(0.25, 0.5, 1.0), denoise=(3, 0.8), nms_radius=3),
 }
 
 PRESETS: tuple[str, ...] = (*_OURS, "paper", "paper-webcam", "paper-robust", "paper-components")
@@ -33,8 +35,8 @@ PRESETS: tuple[str, ...] = (*_OURS, "paper", "paper-webcam", "paper-robust", "pa
 def preset(name: str, network: str = "vgg") -> DetectionParams:
     """The named settings.
 
-    ``fast``, ``default`` and ``accurate`` are this project's, for its bundled model, at working scales of 0.28, 0.45
-    and 0.75: a larger one places keypoints better.  ``multiscale`` detects at 0.225, 0.45 and 0.9.
+    ``fast``, ``default`` and ``accurate`` are this project's, for its bundled model, at working scales of 0.33, 0.45
+    and 0.9: a larger one places keypoints better.  ``multiscale`` detects at 0.25, 0.5 and 1.
 
     The others are the paper's for `network`, at full resolution, with its 8-bit saliency: ``paper`` is the generic
     setting (HPatches), ``paper-webcam`` the one of the Webcam runs, ``paper-robust`` that of the rotation, scale and

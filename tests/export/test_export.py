@@ -208,7 +208,8 @@ def test_the_bundled_models_are_made_by_their_script(
         error = np.abs(tensor.astype(float) - wanted[name])
         assert tensor.dtype == wanted[name].dtype
         assert error.max() <= fitted * max(1e-5 * np.abs(wanted[name]).max(), tensor.dtype.kind == "i"), name
-        assert tensor.dtype.kind == "f" or np.mean(error > 0) <= 0.01, name  # a rounding may go the other way
+        # One rounding of few, one in a hundred of many, may go the other way.
+        assert tensor.dtype.kind == "f" or np.count_nonzero(error) <= max(1, 0.01 * error.size), name
     its, ours = (ElfRuntime(path).contract for path in (tmp_path / "again.onnx", bundled_model(precision)))
     assert (its.layer, its.precision, its.command) == (ours.layer, precision, ours.command)
     assert its.weights == ours.weights

@@ -20,10 +20,10 @@ BOTH = {
     "Abs", "Add", "AveragePool", "BatchNormalization", "Cast", "Clip", "Concat", "Constant", "Conv", "ConvTranspose",
     "DepthToSpace", "Div", "Expand", "Gather", "GlobalAveragePool", "Greater", "HardSigmoid", "HardSwish", "LRN",
     "LeakyRelu", "Max", "MaxPool", "Mul", "Pad", "Pow", "ReduceMean", "ReduceProd", "ReduceSum", "Relu", "Reshape",
-    "Round", "Shape", "Sign", "Slice", "Sqrt", "Squeeze", "Sub", "Sum", "Transpose", "Where",
+    "Resize", "Round", "Shape", "Sign", "Slice", "Sqrt", "Squeeze", "Sub", "Sum", "Transpose", "Where",
 }  # fmt: skip
 # Input index that must be an initializer, for TensorRT.
-CONSTANT_INPUTS = {"Conv": [1], "ConvTranspose": [1], "Slice": [3], "ReduceSum": [1], "Squeeze": [1]}
+CONSTANT_INPUTS = {"Conv": [1], "ConvTranspose": [1], "Slice": [3], "ReduceSum": [1], "Squeeze": [1], "Resize": [2]}
 
 
 def graph_of(name: str) -> onnx.ModelProto:
@@ -57,6 +57,10 @@ def problems(model: onnx.ModelProto) -> list[str]:
             found.append(f"{node.name}: TensorRT's MaxPool gives no indices")
         if node.op_type in ("Conv", "ConvTranspose", "MaxPool") and len(attributes.get("strides", [1, 1])) > 3:
             found.append(f"{node.name}: more than three dimensions")
+        if node.op_type == "Resize" and (
+            len(node.input) > 3 or attributes.get("antialias") or attributes.get("mode") not in (b"linear", b"nearest")
+        ):
+            found.append(f"{node.name}: TensorRT resizes by scales, linearly or to the nearest, without antialiasing")
         # OpenVINO's provider takes an offset of 0 for the default, 0.5.
         if node.op_type == "HardSigmoid" and attributes.get("beta") == 0.0:
             found.append(f"{node.name}: HardSigmoid with beta 0")
@@ -80,4 +84,5 @@ def test_what_is_not_portable_is_seen() -> None:
     next(a for a in nodes["HardSigmoid"].attribute if a.name == "beta").f = 0.0
     nodes["Conv"].input[1] = "image"
     nodes["Sqrt"].op_type = "Erf2"
-    assert len(problems(model)) == 4
+    next(a for a in nodes["Resize"].attribute if a.name == "mode").s = b"cubic"
+    assert len(problems(model)) == 5

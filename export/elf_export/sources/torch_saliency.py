@@ -41,11 +41,13 @@ def load(model: str | os.PathLike[str]) -> Saliency:
     Raises
     ------
     ExportError
-        If the network has no name here, was compressed, or has another pooling.
+        If the network has no name here, or was compressed.
     WeightsError
         If the file does not hold its weights as floats.
     """
     import torch
+
+    from elf_export.checks.averaging import Averaging
 
     file = os.fspath(model)
     proto = onnx.load(file)
@@ -54,8 +56,6 @@ def load(model: str | os.PathLike[str]) -> Saliency:
         raise ExportError(
             f"{file}: its convolutions are compressed ({contract.compression.wanted}); torch has the whole"
         )
-    if contract.pooling:
-        raise ExportError(f"{file}: it has {contract.pooling} pooling; torch has the network as it was trained")
     network = get_network(contract.network)
     stored = {tensor.name: tensor for tensor in proto.graph.initializer}
     tensors: dict[str, npt.NDArray[np.float32]] = {}
@@ -70,7 +70,8 @@ def load(model: str | os.PathLike[str]) -> Saliency:
     settings = next((s for s in choices if s is not None and s.describe() == stated), None)
     if settings is None or settings.color != contract.input.color or not network.gradient:
         raise ExportError(f"{file}: only a network in its own colours, preprocessed as named here, can be rebuilt")
-    module = network.build(tensors, [contract.layer]).requires_grad_(False)
+    built = network.build(tensors, [contract.layer]).requires_grad_(False)
+    module = Averaging(built) if contract.pooling else built
 
     def saliency(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
         pixels = torch.from_numpy(np.ascontiguousarray(image)).float().permute(2, 0, 1)[None]

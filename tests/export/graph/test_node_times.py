@@ -20,7 +20,7 @@ def test_masks_are_told_from_the_network_s_convolutions(precision: str, capsys: 
     assert SCRIPT["main"]([str(path), *options]) == 0
     text = capsys.readouterr().out
     kinds = dict.fromkeys(SCRIPT["KINDS"], 0)
-    roles = re.compile("wins|mask|positive|minus|blocked|^saliency/")
+    roles = re.compile("wins|mask|positive|minus|blocked|share|^saliency/")
     for kind, op, node in re.findall(r" ms  (\w[\w ]*?)  +(\S+) +(\S+)$", text, re.MULTILINE):
         kinds[kind] += 1
         if "Conv" in op:

@@ -51,7 +51,10 @@ def test_measured_errors_and_scores_are_in_words(capsys: pytest.CaptureFixture[s
     text = capsys.readouterr().out
     contract = ElfRuntime().contract
     for key, words in (
-        ("median_error", "  parity           median error of the saliency against float64, of its maximum"),
+        (
+            "derivative_median_error",
+            "  parity           median error of derivatives against central differences, relative",
+        ),
         ("lower_ms", "matching score between images and views of them in int8, %"),
         ("lower_ms_fp32", "matching score between images and views of them in fp32, %"),
     ):

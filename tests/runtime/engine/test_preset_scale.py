@@ -31,7 +31,7 @@ def test_a_preset_s_scale_is_the_same_for_every_call(elf: ElfRuntime, image: np.
     assert len(found) > 1
     assert np.allclose(elf.describe(image, found.keypoints, preset="fast"), found.descriptors, atol=1e-5)
     assert not np.allclose(elf.describe(image, found.keypoints), found.descriptors, atol=1e-2)
-    np.testing.assert_array_equal(elf.saliency(image, preset="fast"), elf.saliency(image, scale=0.28))
+    np.testing.assert_array_equal(elf.saliency(image, preset="fast"), elf.saliency(image, scale=0.33))
     for call in (elf.saliency, lambda image, preset: elf.describe(image, [[5, 5]], preset=preset)):
         with pytest.raises(SettingError, match="unknown preset 'fastest'"):
             call(image, preset="fastest")

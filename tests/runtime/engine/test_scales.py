@@ -48,7 +48,7 @@ def test_the_limit_holds_and_each_scale_has_its_share(bundled: ElfRuntime) -> No
     found = bundled.detect(textured(240, 320), preset="multiscale", max_keypoints=70)
     assert len(found) == 70
     sizes, counts = np.unique(found.sizes, return_counts=True)
-    assert sizes.tolist() == [13, 26, 52]
+    assert sizes.tolist() == [7, 14, 28]
     assert (counts >= (40, 20, 10)).all()
 
 

@@ -155,12 +155,16 @@ def _from_file(network: Network, layers: Sequence[str], path: Path, log: Log) ->
 
 
 def _subset(network: Network, layers: Sequence[str], path: Path) -> dict[str, npt.NDArray[np.float32]]:
-    """From a file with the project's own names; it may hold less than the whole network."""
-    tensors, shapes = read_tensors(path), network.tensor_shapes(layers)
-    missing = [name for name in shapes if name not in tensors]
+    """From a file with the project's own names; it may hold less than the whole network.
+
+    What only the describing copy of a network in an ELF model has is called ``NET/TENSOR`` there.
+    """
+    stored, shapes = read_tensors(path), network.tensor_shapes(layers)
+    tensors = {name: stored.get(name, stored.get(f"{network.name}/{name}")) for name in shapes}
+    missing = [name for name, tensor in tensors.items() if tensor is None]
     if missing:
         raise WeightsError(f"{path}: holds no {missing[0]}")
-    return _proven(network, network.fit({name: tensors[name] for name in shapes}, shapes), path)
+    return _proven(network, network.fit({k: v for k, v in tensors.items() if v is not None}, shapes), path)
 
 
 def _everything(network: Network, path: Path) -> dict[str, npt.NDArray[np.float32]]:
