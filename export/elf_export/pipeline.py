@@ -20,6 +20,7 @@ from .checks.trial import require_usable
 from .compression.compress import compress
 from .contract import cost_of, descriptor_specs, input_spec, versions
 from .descriptors.other_network import attach
+from .descriptors.projection import Projection
 from .descriptors.reduce import reduce_descriptors
 from .file import stamped, write
 from .graph.passes import opset_of, require_opset
@@ -64,11 +65,12 @@ def export(request: Request, log: Log = lambda _: None) -> ExportResult:
         images = calibration_set(request.calibration)
         whole = open_sources(request, log)
         sources, compression = compress(whole, request.compression, images, log)
-        graph = finished_graph(sources, images, log)
+        reference = finished_graph(whole, images) if compression is not None else None
+        graph = finished_graph(sources, images, log, reference)
         saliency = sources.detector.oracle.check(graph.model, sources.color, sources.detector.detection, graph.sizes)
         require(saliency, log)
         contract = contract_of(graph, sources, (saliency, *graph.checks), compression)
-        contract, compared = compare(graph, contract, whole, images, log)
+        contract, compared = compare(graph, contract, reference, whole, images, log)
         model, contract, lowered = lower(graph.model, contract, request.precision, images, log)
         require_usable(model, contract, graph.sizes)
         path = Path(sources.request.output or "")
@@ -85,28 +87,37 @@ class Finished:
     model : onnx.ModelProto
     sizes : Sizes
         Of images that it takes.
+    projections : mapping
+        Descriptor layer -> its projection, where one is asked for.
     reductions : mapping
-        Descriptor layer -> what the contract says of its projection.
+        Descriptor layer -> what the contract says of it.
     checks : tuple of Check
         Of the projected descriptors, if there are any.
     """
 
     model: onnx.ModelProto
     sizes: Sizes
+    projections: Mapping[str, Projection]
     reductions: Mapping[str, ReductionSpec]
     checks: tuple[Check, ...]
 
 
-def finished_graph(sources: Sources, images: CalibrationSet, log: Log = lambda _: None) -> Finished:
-    """Saliency and descriptors, projected where that is asked for, and the sizes that they take."""
+def finished_graph(
+    sources: Sources, images: CalibrationSet, log: Log = lambda _: None, whole: Finished | None = None
+) -> Finished:
+    """Saliency and descriptors, projected where that is asked for, and the sizes that they take.
+
+    A compressed network's descriptors are projected as those of the `whole` one: they can be matched with each other.
+    """
     request = sources.request
     model = saliency_graph(sources, channels_last=request.precision == "int8")
     sizes = finished_sizes(model, sources, log)
-    model, reductions, projected = reduce_descriptors(
+    model, projections, reductions, projected = reduce_descriptors(
         model, sources.descriptors, request.reduction, images, input_spec(sources.color, sizes),
         sources.detector.detection.working_scales[0], sources.maps(model), log,
+        None if whole is None else whole.projections,
     )  # fmt: skip
-    return Finished(model, sizes, reductions, projected)
+    return Finished(model, sizes, projections, reductions, projected)
 
 
 def saliency_graph(sources: Sources, channels_last: bool) -> onnx.ModelProto:
@@ -140,12 +151,12 @@ def finished_sizes(model: onnx.ModelProto, sources: Sources, log: Log) -> Sizes:
 
 
 def compare(
-    graph: Finished, contract: ModelContract, whole: Sources, images: CalibrationSet, log: Log
+    graph: Finished, contract: ModelContract, other: Finished | None, whole: Sources, images: CalibrationSet, log: Log
 ) -> tuple[ModelContract, tuple[Check, ...]]:
-    """The contract with what compression has changed, and the check that measured it; as it is without compression."""
-    if contract.compression is None:
+    """The contract with what compression has changed of the whole network's graph, `other`, and the check that measured
+    it; as it is without compression."""
+    if other is None:
         return contract, ()
-    other = finished_graph(whole, images)
     check = compare_compressed(stamped(graph.model, contract), stamped(other.model, contract_of(other, whole)), images)
     require(check, log)
     return replace(contract, parity={**contract.parity, **check.figures()}), (check,)

@@ -153,9 +153,7 @@ def _differentiated(
         graph = standard_ops(Graph(cut(model, wanted), copy=False))
     except KeyError as error:
         raise LayerError(f"the model has no value {error.args[0]!r}") from None
-    names = _other_names(graph, ours)
-    if names:
-        rename_values(graph, names)
+    names = make_way(graph, ours)
     layer, wanted = names.get(layer, layer), [names.get(name, name) for name in wanted]
     fold_batchnorm(fold_constants(graph), keep=wanted)
     image = names.get(image_input, image_input) if image_input else only_image_input(graph)
@@ -165,10 +163,13 @@ def _differentiated(
     return graph, names, image, parts
 
 
-def _other_names(graph: Graph, ours: Collection[str]) -> dict[str, str]:
-    """Those of the model's values that have one of our names -> free names for them."""
+def make_way(graph: Graph, ours: Collection[str]) -> dict[str, str]:
+    """Call those of the model's values that have one of our names otherwise: old name -> new one."""
     values = {name for scope in nested_graphs(graph.model.graph) for name in defined_in(scope)}
-    return {name: graph.unique(name) for name in sorted(values.intersection(ours))}
+    names = {name: graph.unique(name) for name in sorted(values.intersection(ours))}
+    if names:
+        rename_values(graph, names)
+    return names
 
 
 def _seed_value(graph: Graph, layer: str, seed: Seed, ours: Collection[str]) -> str | None:

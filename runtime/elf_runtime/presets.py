@@ -25,7 +25,7 @@ DEFAULT = DetectionParams(
 _OURS: dict[str, DetectionParams] = {
     "fast": replace(DEFAULT, scale=0.33, denoise=(3, 0.8), border=20, min_contrast=1.0),
     "default": DEFAULT,
-    "accurate": replace(DEFAULT, scale=0.9, nms_radius=3, border=12),
+    "accurate": replace(DEFAULT, scale=1.0, denoise=(3, 0.8), nms_radius=3, border=12),
     "multiscale": replace(DEFAULT, scales=(0.25, 0.5, 1.0), denoise=(3, 0.8), nms_radius=3),
 }
 
@@ -36,7 +36,7 @@ def preset(name: str, network: str = "vgg") -> DetectionParams:
     """The named settings.
 
     ``fast``, ``default`` and ``accurate`` are this project's, for its bundled model, at working scales of 0.33, 0.45
-    and 0.9: a larger one places keypoints better.  ``multiscale`` detects at 0.25, 0.5 and 1.
+    and 1: a larger one places keypoints better.  ``multiscale`` detects at 0.25, 0.5 and 1.
 
     The others are the paper's for `network`, at full resolution, with its 8-bit saliency: ``paper`` is the generic
     setting (HPatches), ``paper-webcam`` the one of the Webcam runs, ``paper-robust`` that of the rotation, scale and

@@ -59,6 +59,8 @@ class Compression:
             if [name.strip() for name, _, _ in pairs] == ["energy"]:
                 return cls(energy=float(pairs[0][2]))
             ranks = {name.strip(): int(value) for name, _, value in pairs}
+            if len(ranks) < len(pairs):
+                raise ExportError(f"--compress {text!r} names a convolution twice")
         except ValueError:
             ranks = {}
         if not all(ranks) or not ranks:

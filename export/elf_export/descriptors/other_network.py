@@ -17,7 +17,7 @@ from elf_export.graph.graph import Graph
 from elf_export.graph.image_input import ImageInput
 from elf_export.graph.passes import cut, fold_batchnorm, fold_constants, share
 from elf_export.preprocessing import Preprocessing, prepend
-from elf_export.saliency import IMAGE, check, descriptor_output, descriptor_outputs
+from elf_export.saliency import IMAGE, check, descriptor_output, descriptor_outputs, make_way
 
 
 def attach(
@@ -45,17 +45,17 @@ def attach(
         A usual height and width, at which the axes of its maps are told.
     """
     prefix = _prefix(model, network)
-    layers = list(labels)
-    graph = fold_batchnorm(fold_constants(Graph(cut(forward, layers), copy=False)), keep=layers)
+    graph = Graph(cut(forward, list(labels)), copy=False)
+    names = make_way(graph, {IMAGE, *map(descriptor_output, labels.values())})
+    layers, source = [names.get(layer, layer) for layer in labels], names.get(image.name, image.name)
+    fold_batchnorm(fold_constants(graph), keep=layers)
     for label in labels.values():
         if any(value.name == descriptor_output(label) for value in model.graph.output):
             raise LayerError(
                 f"two descriptor layers would both be the output {descriptor_output(label)!r}; export them one by one"
             )
-    outputs = descriptor_outputs(
-        graph, {label: layer for layer, label in labels.items()}, image.name, image.layout, size
-    )
-    prepend(graph, image.name, preprocessing, IMAGE, color, image.layout)
+    outputs = descriptor_outputs(graph, dict(zip(labels.values(), layers, strict=True)), source, image.layout, size)
+    prepend(graph, source, preprocessing, IMAGE, color, image.layout)
 
     kept = {"", IMAGE, *(value.name for value in outputs)}
     for node in graph.model.graph.node:
@@ -65,8 +65,9 @@ def attach(
     for tensor in graph.model.graph.initializer:
         tensor.name = f"{prefix}{tensor.name}"
 
-    joined = onnx.ModelProto()
-    joined.CopyFrom(model)
+    base = Graph(model)
+    make_way(base, [value.name for value in outputs])
+    joined = base.model
     joined.graph.node.extend(graph.model.graph.node)
     joined.graph.initializer.extend(graph.model.graph.initializer)
     joined.graph.output.extend(outputs)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import onnx
 
@@ -16,7 +16,7 @@ from elf_export.saliency import descriptor_output
 from elf_runtime import InputSpec
 from elf_runtime.contract import ReductionSpec
 
-from .projection import Reduction, fit_layers, specs
+from .projection import Projection, Reduction, fit_layers, specs
 
 
 def reduce_descriptors(
@@ -28,7 +28,8 @@ def reduce_descriptors(
     scale: float,
     maps: Maps,
     log: Callable[[str], None] = lambda _: None,
-) -> tuple[onnx.ModelProto, dict[str, ReductionSpec], tuple[Check, ...]]:
+    projections: Mapping[str, Projection] | None = None,
+) -> tuple[onnx.ModelProto, Mapping[str, Projection], dict[str, ReductionSpec], tuple[Check, ...]]:
     """`model` with its descriptor maps projected; as it is where no reduction is asked for.
 
     Parameters
@@ -45,12 +46,16 @@ def reduce_descriptors(
         Working scale at which the network will see images.
     maps : function
         The layers' maps by an independent computation.
+    projections : mapping, optional
+        What was fitted to these layers of another network, such as the same before it was compressed.
 
     Returns
     -------
     model : onnx.ModelProto
+    projections : mapping
+        Layer -> its projection.
     reductions : dict
-        Layer -> what the contract says of its projection.
+        Layer -> what the contract says of it.
     checks : tuple of Check
 
     Raises
@@ -60,10 +65,11 @@ def reduce_descriptors(
         does not agree with `maps`.
     """
     if reduction is None:
-        return model, {}, ()
+        return model, {}, {}, ()
     if not layers:
         raise LayerError("there is no descriptor layer whose values could be made fewer")
-    projections = fit_layers(model, layers, reduction, images, spec, scale)
+    if projections is None:
+        projections = fit_layers(model, layers, reduction, images, spec, scale)
     model = project(
         Graph(model),
         {descriptor_output(name): (p.matrix, -p.mean @ p.matrix) for name, p in projections.items()},
@@ -71,4 +77,4 @@ def reduce_descriptors(
     ).model
     check = check_projection(model, maps, projections, spec)
     require(check, log)
-    return model, specs(projections, reduction, images), (check,)
+    return model, projections, specs(projections, reduction, images), (check,)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from elf_runtime.errors import SettingError
+from elf_runtime.errors import SettingError, shortened
 
 from .two_view import Float
 
@@ -41,7 +41,7 @@ class Cameras:
         if matrices.shape != (2, 3, 3) or not all(map(_is_calibration, matrices)):
             raise SettingError(
                 "K is a calibration matrix [[fx, s, cx], [0, fy, cy], [0, 0, 1]] in pixels, or a pair of them, the "
-                f"first image's and the second's; not {K!r}"
+                f"first image's and the second's; not {shortened(' '.join(repr(K).split()), 100)}"
             )
         return cls(matrices[0], matrices[1])
 

@@ -77,8 +77,10 @@ def estimate(
     """
     if kind not in KINDS:
         raise SettingError(f"kind is one of {list(KINDS)}, not {kind!r}")
-    if (K is not None) != (kind == "essential"):
-        raise SettingError("K, the cameras' calibration, goes with the kind 'essential' and with no other")
+    if kind == "essential" and K is None:
+        raise SettingError("an essential matrix needs K, the cameras' calibration")
+    if kind != "essential" and K is not None:
+        raise SettingError(f"K, the cameras' calibration, goes with the kind 'essential' and not with {kind!r}")
     search = Search(method, threshold, confidence, max_iterations)
     cameras = None if K is None else Cameras.of(K)
     if matches is None:

@@ -37,6 +37,7 @@ def test_the_option_says_what_is_asked_for_and_is_said_again(text: str, wanted: 
         ("1.5", "ratio is a number between 0 and 1, not 1.5"),
         ("nan", "ratio is a number between 0 and 1, not nan"),
         ("energy=1", "energy is a number between 0 and 1, not 1"),
+        ("conv1_2=16,conv1_2=20", "names a convolution twice"),
         ("conv1_2=0", "--compress conv1_2=0: at least 1 channel stays"),
     ],
 )

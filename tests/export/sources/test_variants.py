@@ -14,7 +14,7 @@ from onnx import helper
 
 from elf_export import Compression, ExportError, LayerError, Reduction, export_network, export_onnx
 from elf_export.cli import main
-from elf_export.sources import torch_saliency
+from elf_export.graph.graph import Graph
 from elf_export.sources.networks import get_network
 from elf_runtime import ElfRuntime, ModelContract
 from elf_runtime.commands.info import main as info
@@ -102,8 +102,25 @@ def test_the_contract_says_what_was_done(varied: Path, capsys: pytest.CaptureFix
     out = capsys.readouterr().out
     assert "average, for the detector" in out
     assert "of the image at 0.75" in out
-    with pytest.raises(ExportError, match="average pooling"):
-        torch_saliency.load(varied)
+
+
+def test_an_input_and_a_layer_may_have_the_names_of_ours(foreign: Path, varied: Path, tmp_path: Path) -> None:
+    graph = Graph(onnx.load(foreign))
+    graph.rename({graph.inputs[0]: "image", "relu1": "descriptors_relu2"})
+    onnx.save(graph.model, tmp_path / "named.onnx")
+    again = export_onnx(
+        tmp_path / "named.onnx", "relu2", ["descriptors_relu2", "relu2"], tmp_path / "out.onnx", pool="average",
+        desc_scale=RATIO,
+    ).path  # fmt: skip
+    picture = textured(48, 64)
+    found, wanted = (ElfRuntime(path, threads=1) for path in (again, varied))
+    np.testing.assert_allclose(found.saliency(picture), wanted.saliency(picture), rtol=1e-5)
+    for name, layer in (("descriptors_relu2", "relu1"), ("relu2", "relu2")):
+        a, b = (
+            found.describe(picture, [[20, 20], [40, 31]], name),
+            wanted.describe(picture, [[20, 20], [40, 31]], layer),
+        )
+        np.testing.assert_allclose(a, b, atol=1e-5)
 
 
 def test_a_file_without_them_says_nothing_of_them(foreign: Path, tmp_path: Path) -> None:

@@ -137,7 +137,7 @@ def test_the_presets_are_these() -> None:
     common = {"normalize": 0.95, "suppression": "maxima", "subpixel": True}
     assert preset("fast") == DetectionParams(narrow, scale=0.33, nms_radius=5, border=20, min_contrast=1.0, **common)
     assert preset("default") == DetectionParams(wide, scale=0.45, nms_radius=5, border=14, **common)
-    assert preset("accurate") == DetectionParams(wide, scale=0.9, nms_radius=3, border=12, **common)
+    assert preset("accurate") == DetectionParams(narrow, scale=1.0, nms_radius=3, border=12, **common)
     assert preset("multiscale") == preset("default").updated(scales=(0.25, 0.5, 1.0), denoise=narrow, nms_radius=3)
     for name in ("fast", "default", "accurate", "multiscale"):
         assert preset(name, "xception") == preset(name)
@@ -180,7 +180,7 @@ def test_default_is_the_model_s_own() -> None:
 def test_the_presets_differ_in_what_the_network_sees() -> None:
     elf, image = ElfRuntime(threads=1), textured(240, 320)
     sizes = [elf.trace(image, preset=name).saliency.shape for name in ("fast", "default", "accurate")]
-    assert sizes == [(79, 106), (108, 144), (216, 288)]
+    assert sizes == [(79, 106), (108, 144), (240, 320)]
 
 
 # -- threads that wait -------------------------------------------------------------------------------------------

@@ -142,7 +142,8 @@ def test_settings_that_do_not_fit() -> None:
     a, b = described(*plane_points(20, 0))
     for wrong, text in (
         ({"kind": "affine"}, "kind is one of .*, not 'affine'"),
-        ({"kind": "essential"}, "K, the cameras' calibration, goes with"),
+        ({"kind": "essential"}, "needs K, the cameras' calibration"),
+        ({"kind": "essential", "K": K1[:2]}, r"pair of them, .* not array\(.*\)$"),
         ({"kind": "homography", "K": K1}, "goes with the kind 'essential'"),
         ({"method": "lmeds"}, "method is one of .*, not 'lmeds'"),
         ({"threshold": 0.0}, "threshold"),

@@ -42,7 +42,7 @@ def distance_to_edge(mask: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.asarray(cv2.distanceTransform(framed, cv2.DIST_C, 3)[y + 200, x + 200])
 
 
-@pytest.mark.parametrize(("preset", "least"), [("fast", 17), ("default", 15), ("accurate", 8)])
+@pytest.mark.parametrize(("preset", "least"), [("fast", 17), ("default", 15), ("accurate", 6)])
 def test_keypoints_keep_away_from_a_mask_s_edge(
     elf: ElfRuntime, scene: tuple[np.ndarray, np.ndarray], preset: str, least: int
 ) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elf_runtime import ElfRuntime, ModelError
+from elf_runtime import ElfRuntime, ModelError, match
 from elf_runtime.model import bundled
 from elf_runtime.model.bundled import BUNDLED, bundled_model, read_bundled
 from helpers import ROOT, textured
@@ -150,3 +150,12 @@ def test_pyinstaller_is_told_of_the_data(monkeypatch: pytest.MonkeyPatch) -> Non
     export = runpy.run_path(str(folder / "hook-elf_export.py"))
     assert export["datas"] == ["data of elf_export"]
     assert export["hiddenimports"] == ["modules of elf_export"]
+
+
+def test_descriptors_of_both_files_match_with_each_other() -> None:
+    """They are of one network, in low ranks or whole, and projected alike."""
+    picture = ROOT / "demo" / "palace.jpg"
+    lower, full = ElfRuntime(threads=1), ElfRuntime(bundled_model("fp32"), threads=1)
+    found = lower.detect(picture)
+    assert np.percentile((full.describe(picture, found.keypoints) * found.descriptors).sum(axis=1), 1) > 0.9
+    assert len(match(found, full.detect(picture))) > 0.9 * len(found)
