@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from . import libraries as libraries  # before all that imports OpenCV or ONNX Runtime
 from .contract import DescriptorSpec, InputSpec, ModelContract, WeightsSpec
-from .engine import ElfRuntime
+from .engine import ElfFeature2D, ElfRuntime
 from .errors import ContractError, ElfError, ImageError, ModelError, ProviderError, SettingError
 from .geometry.estimate import estimate
 from .geometry.refine import refine
@@ -31,6 +31,7 @@ __all__ = [
     "DescriptorSpec",
     "DetectionParams",
     "ElfError",
+    "ElfFeature2D",
     "ElfRuntime",
     "Features",
     "ImageError",

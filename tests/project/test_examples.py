@@ -143,3 +143,24 @@ def test_the_demo_s_script_explains_itself(words: list[str], status: int, tmp_pa
     ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert ended.returncode == status
     assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.parametrize("line", ["ElfFeature2D(max_keypoints=500)", "cv2.SIFT_create(500)"])
+def test_a_tracker_takes_elf_for_sift(line: str, tmp_path: Path) -> None:
+    """The view moves by 4 and 3 pixels a frame; the script finds that with either detector."""
+    picture = cv2.imread(str(ROOT / "demo" / "palace.jpg"))
+    for frame in range(3):
+        cv2.imwrite(
+            str(tmp_path / f"frame{frame:03d}.png"), picture[3 * frame : 300 + 3 * frame, 4 * frame : 400 + 4 * frame]
+        )
+    script = (EXAMPLES / "opencv" / "track.py").read_text(encoding="utf-8")
+    assert script.count("ElfFeature2D(max_keypoints=500)") == 1
+    (tmp_path / "track.py").write_text(script.replace("ElfFeature2D(max_keypoints=500)", line), encoding="utf-8")
+    done = run(sys.executable, "track.py", "frame%03d.png", "out", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    rows = re.findall(r"^frame (\d): .* (\d+) inliers, centre at ([\d.]+) ([\d.]+)$", done.stdout, re.MULTILINE)
+    assert [int(number) for number, *_ in rows] == [0, 1, 2]
+    for number, inliers, x, y in rows:
+        assert int(inliers) > 50
+        assert (float(x), float(y)) == pytest.approx((200 + 4 * int(number), 150 + 3 * int(number)), abs=0.5)
+    assert len(list((tmp_path / "out").iterdir())) == 3

@@ -1,0 +1,131 @@
+"""`ElfFeature2D`: ELF with the methods of OpenCV's detectors, for code that was written for `cv2.SIFT`."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from elf_runtime.errors import SettingError
+
+from .runtime import ElfRuntime
+
+Array = npt.NDArray[np.float32]
+KeyPoints = tuple[Any, ...]
+
+
+class ElfFeature2D:
+    """ELF in the place of a ``cv2.Feature2D``: the same methods, orders of arguments and results.
+
+    Images and masks may be arrays or ``cv2.UMat``; images are BGR or grey, as OpenCV reads them.  A mask is non-zero
+    where keypoints may be, in any of its channels where it has several.  `detect` and `compute` take a list of images,
+    too.
+
+    >>> detector = ElfFeature2D(max_keypoints=2000)
+    >>> keypoints, descriptors = detector.detectAndCompute(image, None)      # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        model: str | os.PathLike[str] | bytes | ElfRuntime | None = None,
+        *,
+        preset: str | None = None,
+        descriptor: str | None = None,
+        **settings: Any,
+    ) -> None:
+        """Open a model, with settings for all images.
+
+        Parameters
+        ----------
+        model : path, bytes or ElfRuntime, optional
+            As for `ElfRuntime`; an instance where providers or threads are to be chosen.
+        preset, descriptor, **settings
+            As for `ElfRuntime.detect`: ``max_keypoints=2000``, ``oriented=True`` ...
+
+        Raises
+        ------
+        ModelError, SettingError
+            As `ElfRuntime`, and on settings that it refuses.
+        """
+        self.runtime = model if isinstance(model, ElfRuntime) else ElfRuntime(model)
+        self._params = self.runtime.params(preset, **settings)
+        self._spec = self.runtime.contract.descriptor(descriptor)
+
+    def detect(self, image: Any, mask: Any = None) -> KeyPoints:
+        """cv2.KeyPoint of the image, the strongest first; a tuple of such for a list of images (and masks)."""
+        if isinstance(image, (list, tuple)):
+            masks = [None] * len(image) if mask is None else mask
+            return tuple(self.detect(one, its) for one, its in zip(image, masks, strict=True))
+        return tuple(self._features(image, mask).to_cv2()[0])
+
+    def compute(self, image: Any, keypoints: Any, descriptors: Any = None) -> tuple[KeyPoints, Any]:
+        """The keypoints, all of them, and their descriptors, (N, D) float32; None where there are no keypoints.
+
+        For lists of images and of their keypoints: two tuples.  `descriptors` is not written to.
+        """
+        if isinstance(image, (list, tuple)):
+            found = [self.compute(one, its) for one, its in zip(image, keypoints, strict=True)]
+            return tuple(points for points, _ in found), tuple(rows for _, rows in found)
+        points = tuple(keypoints)
+        if not points:
+            return points, None
+        name = None if self._spec is None else self._spec.layer
+        return points, self.runtime.describe(_array(image), points, name, params=self._params)
+
+    def detectAndCompute(
+        self, image: Any, mask: Any, descriptors: Any = None, useProvidedKeypoints: bool = False
+    ) -> tuple[KeyPoints, Array | None]:
+        """Keypoints and their descriptors, (N, D) float32; ``((), None)`` where there is nothing to find.
+
+        `descriptors` is not written to.
+
+        Raises
+        ------
+        SettingError
+            With `useProvidedKeypoints`: Python has no way to give them here; `compute` takes keypoints.
+        """
+        if useProvidedKeypoints:
+            raise SettingError("useProvidedKeypoints: compute(image, keypoints) describes keypoints that you have")
+        keypoints, rows = self._features(image, mask).to_cv2()
+        return tuple(keypoints), rows if keypoints else None
+
+    def defaultNorm(self) -> int:
+        """cv2.NORM_L2: how descriptors are compared."""
+        return int(cv2.NORM_L2)
+
+    def descriptorSize(self) -> int:
+        """Values of a descriptor; 0 for a model without."""
+        return 0 if self._spec is None else self._spec.dim
+
+    def descriptorType(self) -> int:
+        """cv2.CV_32F."""
+        return int(cv2.CV_32F)
+
+    def getDefaultName(self) -> str:
+        return "Feature2D.ELF"
+
+    def empty(self) -> bool:
+        """False: it is ready."""
+        return False
+
+    def _features(self, image: Any, mask: Any) -> Any:
+        name = None if self._spec is None else self._spec.layer
+        return self.runtime.detect(_array(image), mask=_mask(mask), descriptor=name, params=self._params)
+
+    def __repr__(self) -> str:
+        return f"ElfFeature2D({self.runtime!r})"
+
+
+def _array(image: Any) -> Any:
+    return image.get() if isinstance(image, cv2.UMat) else image
+
+
+def _mask(mask: Any) -> npt.NDArray[Any] | None:
+    """(H, W): non-zero in any channel."""
+    if mask is None:
+        return None
+    array = np.asarray(_array(mask))
+    return (array != 0).any(axis=2) if array.ndim == 3 else array

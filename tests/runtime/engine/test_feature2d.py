@@ -1,0 +1,111 @@
+"""`ElfFeature2D` in the place of OpenCV's detectors."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from elf_runtime import ElfFeature2D, ElfRuntime, SettingError
+from helpers import ROOT, TINY, textured
+
+PALACE = np.asarray(cv2.imread(str(ROOT / "demo" / "palace.jpg")), np.uint8)
+
+
+@pytest.fixture(scope="module")
+def elf() -> ElfRuntime:
+    return ElfRuntime(threads=1)
+
+
+@pytest.fixture(scope="module")
+def detector(elf: ElfRuntime) -> ElfFeature2D:
+    return ElfFeature2D(elf, max_keypoints=200)
+
+
+def places(keypoints: Any) -> np.ndarray:
+    return np.float32([point.pt for point in keypoints]).reshape(-1, 2)
+
+
+def test_it_finds_what_detect_finds(elf: ElfRuntime, detector: ElfFeature2D) -> None:
+    wanted = elf.detect(PALACE, max_keypoints=200)
+    keypoints, descriptors = detector.detectAndCompute(PALACE, None)
+    np.testing.assert_array_equal(places(keypoints), wanted.keypoints)
+    np.testing.assert_array_equal(descriptors, wanted.descriptors)
+    np.testing.assert_array_equal(places(detector.detect(PALACE)), wanted.keypoints)
+    same, rows = detector.compute(PALACE, keypoints)
+    assert same == keypoints
+    np.testing.assert_allclose(rows, descriptors, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["detectAndCompute", "compute", "detect"])
+def test_arguments_come_in_opencv_s_order(name: str) -> None:
+    orders = {
+        "detect": ["image", "mask"],
+        "compute": ["image", "keypoints", "descriptors"],
+        "detectAndCompute": ["image", "mask", "descriptors", "useProvidedKeypoints"],
+    }
+    assert list(inspect.signature(getattr(ElfFeature2D, name)).parameters)[1:] == orders[name]
+    for argument in orders[name]:
+        assert argument in getattr(cv2.Feature2D, name).__doc__
+
+
+def test_what_it_says_of_itself_is_what_a_detector_of_opencv_says(detector: ElfFeature2D) -> None:
+    sift = cv2.SIFT_create()
+    for name in ("defaultNorm", "descriptorType"):
+        assert getattr(detector, name)() == getattr(sift, name)()
+    assert detector.descriptorSize() == detector.detectAndCompute(PALACE, None)[1].shape[1] == 128
+    assert detector.getDefaultName() == "Feature2D.ELF"
+    assert detector.empty() is False
+    assert "elf-vgg" in repr(detector)
+
+
+def test_nothing_found_is_opencv_s_nothing(detector: ElfFeature2D) -> None:
+    flat = np.full((64, 64), 90, np.uint8)
+    sift = cv2.SIFT_create()
+    assert detector.detectAndCompute(flat, None) == sift.detectAndCompute(flat, None) == ((), None)
+    assert detector.detect(flat) == sift.detect(flat) == ()
+    assert detector.compute(PALACE, []) == sift.compute(flat, []) == ((), None)
+
+
+@pytest.mark.parametrize("channels", [None, 1, 3])
+def test_masks_of_any_channels(elf: ElfRuntime, detector: ElfFeature2D, channels: int | None) -> None:
+    mask = np.zeros(PALACE.shape[:2], np.uint8)
+    mask[:, 300:] = 255
+    given = mask if channels is None else np.zeros((*mask.shape, channels), np.uint8)
+    if channels is not None:
+        given[:, :, -1] = mask
+    found = detector.detect(PALACE, given)
+    np.testing.assert_array_equal(places(found), elf.detect(PALACE, mask=mask, max_keypoints=200).keypoints)
+
+
+def test_umat_and_lists(detector: ElfFeature2D) -> None:
+    pictures = [PALACE, textured(80, 96)]
+    found = detector.detect([cv2.UMat(picture) for picture in pictures])
+    for keypoints, picture in zip(found, pictures, strict=True):
+        np.testing.assert_array_equal(places(keypoints), places(detector.detect(picture)))
+    keypoints, descriptors = detector.compute(pictures, found)
+    assert [len(rows) for rows in descriptors] == [len(points) for points in keypoints]
+    mask = cv2.UMat(np.zeros(PALACE.shape[:2], np.uint8))
+    assert detector.detectAndCompute(PALACE, mask) == ((), None)
+
+
+def test_it_serves_a_matcher_of_opencv(detector: ElfFeature2D) -> None:
+    (first, a), (second, b) = (detector.detectAndCompute(image, None) for image in (PALACE, PALACE[20:, 30:]))
+    matches = cv2.BFMatcher(detector.defaultNorm(), crossCheck=True).match(a, b)
+    assert len(matches) > 80
+    moved = places(first)[[m.queryIdx for m in matches]] - places(second)[[m.trainIdx for m in matches]]
+    assert (np.abs(moved - (30, 20)).max(axis=1) < 2).mean() > 0.8
+    drawn = cv2.drawMatches(PALACE, first, PALACE[20:, 30:].copy(), second, matches, None)
+    assert drawn.shape[1] == 2 * PALACE.shape[1] - 30
+
+
+def test_settings_are_given_once(elf: ElfRuntime) -> None:
+    assert len(ElfFeature2D(elf, preset="fast", max_keypoints=30).detect(PALACE)) == 30
+    assert len(ElfFeature2D(TINY, max_keypoints=7).detect(textured(80, 96))) == 7
+    with pytest.raises(SettingError, match="unknown preset"):
+        ElfFeature2D(elf, preset="fastest")
+    with pytest.raises(SettingError, match="useProvidedKeypoints"):
+        ElfFeature2D(elf).detectAndCompute(PALACE, None, None, True)
