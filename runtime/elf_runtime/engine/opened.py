@@ -18,7 +18,7 @@ from elf_runtime.detection.detect import Seen, detect, nothing_found
 from elf_runtime.detection.upright import Sheet, UprightPatches
 from elf_runtime.detection.working_image import Levels, WorkingImage, nearest_level, prepare
 from elf_runtime.errors import ImageError, SettingError
-from elf_runtime.image.file import ImageLike, check_pixels, image_errors, read
+from elf_runtime.image.file import COLORS, ImageLike, check_pixels, image_errors, read
 from elf_runtime.model.network import Network
 from elf_runtime.model.session import read_model
 from elf_runtime.params import DetectionParams
@@ -36,12 +36,15 @@ class OpenedModel:
         session_options: Mapping[str, Any],
         sizes: int,
         max_pixels: int | None,
+        color: str,
     ) -> None:
         if not is_int(sizes) or sizes < 0:
             raise SettingError(f"sizes is an integer >= 0, not {sizes!r}")
         if max_pixels is not None and (not is_int(max_pixels) or max_pixels < 1):
             raise SettingError(f"max_pixels is None or an integer >= 1, not {max_pixels!r}")
-        self._max_pixels = max_pixels
+        if color not in COLORS:
+            raise SettingError(f"color is 'bgr' or 'rgb', not {color!r}")
+        self._max_pixels, self._color = max_pixels, color
         self._network = Network(None if model is None else read_model(model), session_options, int(sizes))
 
     @property
@@ -99,7 +102,7 @@ class OpenedModel:
         """Read the image and make it ready; `place` says which of a batch it is, for what is wrong with it."""
         watch = watch or Stopwatch()
         with watch("read"):
-            pixels = read(image, max_pixels=self._max_pixels)
+            pixels = read(image, max_pixels=self._max_pixels, color=self._color)
         with watch("prepare"), image_errors(image, place):
             check_pixels(pixels.shape, self._max_pixels)
             return prepare(pixels, params, mask, self.contract, self._network.name)

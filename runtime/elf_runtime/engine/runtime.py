@@ -38,6 +38,7 @@ class ElfRuntime(OpenedModel):
         fallback: bool = False,
         sizes: int = 2,
         max_pixels: int | None = MAX_PIXELS,
+        color: str = "bgr",
     ) -> None:
         """Open and check a model.
 
@@ -64,6 +65,9 @@ class ElfRuntime(OpenedModel):
         max_pixels : int, optional
             Larger images are refused, files before they are decoded (see `image.read`): the network takes some 100
             bytes for each pixel at the default's working scale.  None is no limit.
+        color : "bgr" or "rgb"
+            The order of the channels in arrays: OpenCV's, or that of most other libraries.  Files need none, nor do
+            PIL's images, which are RGB.
 
         Raises
         ------
@@ -72,10 +76,10 @@ class ElfRuntime(OpenedModel):
         ProviderError
             See `fallback`; or `providers`, `threads` or `spin` is of another kind.
         SettingError
-            `sizes` is no integer >= 0, or `max_pixels` none >= 1.
+            `sizes` is no integer >= 0, `max_pixels` none >= 1, or `color` another.
         """
         options = {"providers": providers, "threads": threads, "spin": spin, "fallback": fallback}
-        super().__init__(model, options, sizes, max_pixels)
+        super().__init__(model, options, sizes, max_pixels, color)
 
     def detect(
         self,
@@ -95,7 +99,8 @@ class ElfRuntime(OpenedModel):
         Parameters
         ----------
         image : (H, W), (H, W, 3) or (H, W, 4) array, or path
-            BGR (as OpenCV reads) or grey; a fourth channel is alpha, and there are no keypoints where it is 0.  uint8,
+            BGR (as OpenCV reads; RGB with ``ElfRuntime(color="rgb")``) or grey, or an object that numpy makes an array
+            of, such as an image of PIL's; a fourth channel is alpha, and there are no keypoints where it is 0.  uint8,
             uint16, or float in [0, 1]; 32x32 pixels or more.
         max_keypoints : int
             The strongest that many are kept.  Fewer come where fewer maxima pass the threshold.

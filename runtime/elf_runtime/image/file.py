@@ -6,7 +6,7 @@ import hashlib
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -17,23 +17,44 @@ from elf_runtime.files.kind import HEAD, description, open_regular
 
 from .header import NEVER, SURELY, Header, is_cut_off, read_header
 
-ImageLike = npt.NDArray[Any] | str | os.PathLike[str]
+
+class BecomesArray(Protocol):
+    """What numpy makes an array of, such as a tensor on the CPU."""
+
+    def __array__(self) -> npt.NDArray[Any]: ...
+
+
+class HasArrayInterface(Protocol):
+    """Likewise, such as an image of PIL's."""
+
+    @property
+    def __array_interface__(self) -> dict[str, Any]: ...
+
+
+ImageLike = npt.NDArray[Any] | BecomesArray | HasArrayInterface | str | os.PathLike[str]
+COLORS = ("bgr", "rgb")
+_PIL_MODES = ("1", "L", "I;16", "RGB", "RGBA")
 
 MAX_PIXELS = 100_000_000  # of an image, unless the caller allows more
 
 
-def read(image: ImageLike, *, ignore_exif: bool = False, max_pixels: int | None = MAX_PIXELS) -> npt.NDArray[Any]:
+def read(
+    image: ImageLike, *, ignore_exif: bool = False, max_pixels: int | None = MAX_PIXELS, color: str = "bgr"
+) -> npt.NDArray[Any]:
     """The array itself, or the decoded file: BGR or grey, with its bit depth kept.
 
     Parameters
     ----------
-    image : array or path
+    image : array, object that numpy makes one of, or path
+        PIL's images are RGB, whatever `color` says.
     ignore_exif : bool
         A file's pixels as they are stored, which is what COLMAP and homographies between files go by.  By default
         they are turned the way that its EXIF orientation says, as by `cv2.imread`: one of 640x427 with orientation 6
         is read as 427x640, and its keypoints are in that frame.  OpenCV turns TIFF files in any case.
     max_pixels : int, optional
         A file whose header says more is not decoded: a megabyte may unpack to gigabytes.  None is no limit.
+    color : "bgr" or "rgb"
+        The order of an array's channels.
 
     Returns
     -------
@@ -42,13 +63,32 @@ def read(image: ImageLike, *, ignore_exif: bool = False, max_pixels: int | None 
     Raises
     ------
     ImageError
-        If the file is missing, no regular file, no image, damaged or cut off, or has more than `max_pixels`.
+        If the file is missing, no regular file, no image, damaged or cut off, or has more than `max_pixels`; if the
+        object is none of these, or an image of PIL's of another mode than 1, L, I;16, RGB and RGBA.
     """
+    if isinstance(image, (str, os.PathLike)):
+        return ImageFile(image, max_pixels).decoded(ignore_exif)
+    array = _array_of(image)
+    if (color == "rgb" or _is_pil(image)) and array.ndim == 3 and array.shape[2] in (3, 4):
+        return array[:, :, [2, 1, 0, 3][: array.shape[2]]]
+    return array
+
+
+def _array_of(image: Any) -> npt.NDArray[Any]:
     if isinstance(image, np.ndarray):
         return image
-    if not isinstance(image, (str, os.PathLike)):
+    if _is_pil(image) and image.mode not in _PIL_MODES:
+        raise ImageError(f"an image of PIL's in mode {image.mode!r}: convert it to 'RGB' or 'L'")
+    if not (hasattr(image, "__array__") or hasattr(image, "__array_interface__")):
         raise ImageError(f"an image is a numpy array or a path, not {type(image).__name__}")
-    return ImageFile(image, max_pixels).decoded(ignore_exif)
+    try:
+        return np.asarray(image)
+    except Exception as error:  # whatever the object's own code raises
+        raise ImageError(f"a {type(image).__name__} does not become an array: {reason(error)}") from error
+
+
+def _is_pil(image: Any) -> bool:
+    return type(image).__module__.partition(".")[0] == "PIL" and hasattr(image, "mode")
 
 
 class ImageFile:
@@ -90,7 +130,7 @@ class ImageFile:
 @contextmanager
 def image_errors(image: ImageLike, place: str = "") -> Iterator[None]:
     """Say what is wrong with an image as an ImageError that begins with its path, or `place` for an array."""
-    label = place if isinstance(image, np.ndarray) else os.fsdecode(image)
+    label = os.fsdecode(image) if isinstance(image, (str, os.PathLike)) else place
     try:
         yield
     except (ImageError, OSError, MemoryError, cv2.error) as error:

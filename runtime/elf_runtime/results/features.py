@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -85,6 +85,39 @@ class Features:
             for (x, y), size, angle, score, octave in zip(*(column.tolist() for column in columns), strict=True)
         ]
         return points, self.descriptors
+
+    @classmethod
+    def from_cv2(
+        cls, keypoints: Sequence[Any], descriptors: npt.ArrayLike | None, image_size: tuple[int, int]
+    ) -> Features:
+        """What one of OpenCV's detectors found, SIFT's say, for `match`, `Matches`, `estimate` and the files.
+
+        Parameters
+        ----------
+        keypoints : sequence of cv2.KeyPoint
+            In any order: they are sorted by ``response``, the highest first.  A size of 0 is that of a single pixel.
+        descriptors : (N, D) floats, or None
+            Rows of any length; `match` goes by their distances.  None is none: (N, 0).
+        image_size : (height, width)
+
+        Raises
+        ------
+        ElfError
+            If there are not as many descriptors as keypoints, or they are bits (ORB's).
+        """
+        rows = np.zeros((len(keypoints), 0), np.float32) if descriptors is None else np.asarray(descriptors)
+        if rows.ndim != 2 or len(rows) != len(keypoints) or rows.dtype.kind != "f":
+            raise ElfError(
+                f"descriptors of {len(keypoints)} keypoints are (N, D) floats, not {rows.shape} {rows.dtype}"
+            )
+        table = [(*point.pt, point.response, point.size, point.angle) for point in keypoints]
+        x, y, scores, sizes, angles = np.array(table, np.float32).reshape(-1, 5).T
+        order = np.argsort(-scores, kind="stable")
+        turned = np.where(angles < 0, np.float32(-1), np.mod(angles, np.float32(360)))
+        return cls(
+            np.stack([x, y], axis=1)[order], scores[order], rows.astype(np.float32)[order], image_size, nms_radius=0.0,
+            sizes=np.where(sizes > 0, sizes, np.float32(1))[order], angles=turned[order],
+        )  # fmt: skip
 
     def __repr__(self) -> str:
         height, width = self.image_size

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from elf_runtime import ElfFeature2D, ElfRuntime, SettingError
+from elf_runtime import ElfError, ElfFeature2D, ElfRuntime, Features, SettingError, estimate
 from helpers import ROOT, TINY, textured
 
 PALACE = np.asarray(cv2.imread(str(ROOT / "demo" / "palace.jpg")), np.uint8)
@@ -109,3 +109,29 @@ def test_settings_are_given_once(elf: ElfRuntime) -> None:
         ElfFeature2D(elf, preset="fastest")
     with pytest.raises(SettingError, match="useProvidedKeypoints"):
         ElfFeature2D(elf).detectAndCompute(PALACE, None, None, True)
+
+
+def test_features_go_to_opencv_and_back(elf: ElfRuntime) -> None:
+    wanted = elf.detect(PALACE, preset="multiscale", oriented=True, max_keypoints=60)
+    keypoints, descriptors = wanted.to_cv2()
+    back = np.random.default_rng(0).permutation(len(wanted))
+    found = Features.from_cv2([keypoints[i] for i in back], descriptors[back], wanted.image_size)
+    for name in ("keypoints", "scores", "descriptors", "sizes", "angles"):
+        np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), rtol=1e-6, err_msg=name)
+    assert found.image_size == wanted.image_size
+
+
+def test_what_sift_finds_as_features() -> None:
+    sift = cv2.SIFT_create(300)
+    a, b = (
+        Features.from_cv2(*sift.detectAndCompute(image, None), image.shape[:2]) for image in (PALACE, PALACE[20:, 30:])
+    )
+    view = estimate(a, b, "homography")
+    assert view is not None
+    np.testing.assert_allclose(view.matrix / view.matrix[2, 2], [[1, 0, -30], [0, 1, -20], [0, 0, 1]], atol=0.1)
+    assert len(Features.from_cv2((), None, (48, 64))) == 0
+    plain = Features.from_cv2([cv2.KeyPoint(3, 4, 0)], None, (48, 64))
+    assert (plain.sizes[0], plain.angles[0], plain.descriptors.shape) == (1, -1, (1, 0))
+    keypoints, bits = cv2.ORB_create(20).detectAndCompute(PALACE, None)
+    with pytest.raises(ElfError, match=r"of 20 keypoints are \(N, D\) floats, not \(20, 32\) uint8"):
+        Features.from_cv2(keypoints, bits, PALACE.shape[:2])
