@@ -73,6 +73,5 @@ def _sizes(source: Source, ratio: float) -> Sizes:
             f"--desc-scale {ratio:g}: {source.name} takes images of {sizes.describe()}, so its layers can't see "
             "them at another scale"
         )
-    return replace(
-        sizes, multiple=int(multiple) if sizes.multiple > 1 else 1
-    )  # the finished graph's runs tell the least
+    # The least size is told by runs of the finished graph.
+    return replace(sizes, multiple=int(multiple) if sizes.multiple > 1 else 1)

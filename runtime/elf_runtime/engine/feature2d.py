@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_runtime.errors import SettingError
+from elf_runtime.results.features import Features
 
 from .runtime import ElfRuntime
 
@@ -52,7 +53,7 @@ class ElfFeature2D:
         """
         self.runtime = model if isinstance(model, ElfRuntime) else ElfRuntime(model)
         self._params = self.runtime.params(preset, **settings)
-        self._spec = self.runtime.contract.descriptor(descriptor)
+        self._descriptor, self._spec = descriptor, self.runtime.contract.descriptor(descriptor)
 
     def detect(self, image: Any, mask: Any = None) -> KeyPoints:
         """cv2.KeyPoint of the image, the strongest first; a tuple of such for a list of images (and masks)."""
@@ -72,8 +73,7 @@ class ElfFeature2D:
         points = tuple(keypoints)
         if not points:
             return points, None
-        name = None if self._spec is None else self._spec.layer
-        return points, self.runtime.describe(_array(image), points, name, params=self._params)
+        return points, self.runtime.describe(_array(image), points, self._descriptor, params=self._params)
 
     def detectAndCompute(
         self, image: Any, mask: Any, descriptors: Any = None, useProvidedKeypoints: bool = False
@@ -111,9 +111,8 @@ class ElfFeature2D:
         """False: it is ready."""
         return False
 
-    def _features(self, image: Any, mask: Any) -> Any:
-        name = None if self._spec is None else self._spec.layer
-        return self.runtime.detect(_array(image), mask=_mask(mask), descriptor=name, params=self._params)
+    def _features(self, image: Any, mask: Any) -> Features:
+        return self.runtime.detect(_array(image), mask=_mask(mask), descriptor=self._descriptor, params=self._params)
 
     def __repr__(self) -> str:
         return f"ElfFeature2D({self.runtime!r})"

@@ -77,8 +77,6 @@ def estimate(
     """
     if kind not in KINDS:
         raise SettingError(f"kind is one of {list(KINDS)}, not {kind!r}")
-    if kind == "essential" and K is None:
-        raise SettingError("an essential matrix needs K, the cameras' calibration")
     if kind != "essential" and K is not None:
         raise SettingError(f"K, the cameras' calibration, goes with the kind 'essential' and not with {kind!r}")
     search = Search(method, threshold, confidence, max_iterations)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elf_export.graph.graph import Graph, attributes
+from elf_export.graph.windows import window_of
 
 
 def convolve_averages(graph: Graph) -> Graph:
@@ -17,13 +18,7 @@ def convolve_averages(graph: Graph) -> Graph:
     for node in [node for node in graph.nodes if node.op_type == "AveragePool"]:
         given, shape = attributes(node), graph.shape(node.input[0]) or []
         kernel, channels = given["kernel_shape"], shape[1] if len(shape) == 4 else None
-        plain = not given.get("ceil_mode", 0) and given.get("auto_pad", b"NOTSET") in (
-            b"NOTSET",
-            b"VALID",
-            "NOTSET",
-            "VALID",
-        )
-        if not isinstance(channels, int) or not plain or any(given.get("pads", ())) or len(kernel) != 2:
+        if not isinstance(channels, int) or len(kernel) != 2 or window_of(graph, node, kernel).padded:
             continue
         window = np.full((channels, 1, *kernel), 1 / np.prod(kernel))
         with graph.replace_node(node):

@@ -126,10 +126,11 @@ class _Regions:
             return 0.0
         kernel = self.graph.shape(self.makers[node.input[1]].input[0]) or []
         depth = float(np.prod([d for d in kernel[1:] if isinstance(d, int)]))
-        source = self.makers[self.makers[node.input[0]].input[0]]
-        if source.op_type == "Gather":
-            source = self.makers[source.input[0]]
-        return size * depth / MACS / (2 if self._enters_with_rest(source) else 1)  # floats have no rests
+        source = self.makers.get(node.input[0])
+        while source is not None and source.op_type in ("DequantizeLinear", "Gather"):
+            source = self.makers.get(source.input[0])
+        rests = source is not None and self._enters_with_rest(source)
+        return size * depth / MACS / (2 if rests else 1)  # floats have no rests
 
     def _enters_with_rest(self, node: onnx.NodeProto) -> bool:
         """Whether the node joins an image's integers with what rounding left of it: see `convolve`."""

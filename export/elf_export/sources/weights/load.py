@@ -160,11 +160,12 @@ def _subset(network: Network, layers: Sequence[str], path: Path) -> dict[str, np
     What only the describing copy of a network in an ELF model has is called ``NET/TENSOR`` there.
     """
     stored, shapes = read_tensors(path), network.tensor_shapes(layers)
-    tensors = {name: stored.get(name, stored.get(f"{network.name}/{name}")) for name in shapes}
-    missing = [name for name, tensor in tensors.items() if tensor is None]
+    prefix = f"{network.name}/"
+    stored = {name.removeprefix(prefix): tensor for name, tensor in stored.items() if name.startswith(prefix)} | stored
+    missing = [name for name in shapes if name not in stored]
     if missing:
         raise WeightsError(f"{path}: holds no {missing[0]}")
-    return _proven(network, network.fit({k: v for k, v in tensors.items() if v is not None}, shapes), path)
+    return _proven(network, network.fit({name: stored[name] for name in shapes}, shapes), path)
 
 
 def _everything(network: Network, path: Path) -> dict[str, npt.NDArray[np.float32]]:
