@@ -17,13 +17,14 @@ from elf_runtime.files.write import write_atomically
 from elf_runtime.geometry.fit import Search, fit
 from elf_runtime.geometry.two_view import TwoView
 from elf_runtime.image.file import image_errors
+from elf_runtime.pictures.file import short_name, write_picture
 from elf_runtime.pictures.render import match_picture
 from elf_runtime.results.features import Features
 from elf_runtime.results.matching import match
 
 from . import command, options
 from .command import UsageError
-from .outputs import check_outputs, short_name, write_picture
+from .outputs import check_outputs
 from .terminal import say
 
 DESCRIPTION = """\
