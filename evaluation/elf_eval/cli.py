@@ -7,8 +7,8 @@ import shlex
 import sys
 from collections.abc import Sequence
 
-from elf_runtime.commands.command import Parser, new_parser
 from elf_runtime.commands.command import run as run_command
+from elf_runtime.commands.parser import Parser, new_parser
 
 from .command import compare, images, kinds, pareto, report, run, sweep
 

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+from elf_runtime.errors import suggestion
 from elf_runtime.params import SETTINGS, setting_value
 
 from .errors import EvalError
@@ -76,7 +77,10 @@ class Spec:
     def finish(self) -> None:
         """Raises EvalError where nobody has taken an option."""
         if self.options:
-            raise EvalError(f"{self.text}: unknown options {sorted(self.options)}; known are {sorted(self.known)}")
+            near = suggestion(sorted(self.options)[0], self.known)
+            raise EvalError(
+                f"{self.text}: unknown options {sorted(self.options)}; known are {sorted(self.known)}{near}"
+            )
 
     def file(self, what: str) -> Path:
         """The argument as the path of an existing file."""

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from elf_export.errors import ExportError
+from elf_export.request import Log
 from elf_runtime.commands.command import run
 from elf_runtime.errors import printable
 
@@ -42,11 +43,16 @@ def _need_onnx(named: bool) -> None:
 def _export(args: argparse.Namespace) -> None:
     from elf_export.pipeline import export
 
-    result = export(request_of(args), print)
+    log: Log = _silent if args.quiet else print
+    result = export(request_of(args), log)
     size, contract = result.path.stat().st_size / 1e6, result.contract
     described = ", ".join(d.layer for d in contract.descriptors) or "none"
     made = f"{contract.network} {contract.layer}, descriptors {described}"
-    print(printable(f"wrote {result.path} ({size:.1f} MB): {made}"))
+    log(printable(f"wrote {result.path} ({size:.1f} MB): {made}"))
+
+
+def _silent(_: str) -> None:
+    pass
 
 
 def _list(args: argparse.Namespace) -> None:

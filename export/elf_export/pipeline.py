@@ -64,13 +64,18 @@ def export(request: Request, log: Log = lambda _: None) -> ExportResult:
         require_opset(request.opset)
         images = calibration_set(request.calibration)
         whole = open_sources(request, log)
+        if request.compression is not None:
+            log("compressing by what the convolutions give on the calibration images ...")
         sources, compression = compress(whole, request.compression, images, log)
         reference = finished_graph(whole, images) if compression is not None else None
         graph = finished_graph(sources, images, log, reference)
+        log("checking the saliency against gradients in float64 ...")
         saliency = sources.detector.oracle.check(graph.model, sources.color, sources.detector.detection, graph.sizes)
         require(saliency, log)
         contract = contract_of(graph, sources, (saliency, *graph.checks), compression)
         contract, compared = compare(graph, contract, reference, whole, images, log)
+        if request.precision != "fp32":
+            log(f"making {request.precision} of it ...")
         model, contract, lowered = lower(graph.model, contract, request.precision, images, log)
         require_usable(model, contract, graph.sizes)
         path = Path(sources.request.output or "")
@@ -157,6 +162,7 @@ def compare(
     it; as it is without compression."""
     if other is None:
         return contract, ()
+    log("comparing with the network as it was ...")
     check = compare_compressed(stamped(graph.model, contract), stamped(other.model, contract_of(other, whole)), images)
     require(check, log)
     return replace(contract, parity={**contract.parity, **check.figures()}), (check,)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 LONGEST = 10_000  # characters of an error's text
 LONGEST_LINE = 2000
 
@@ -53,6 +56,12 @@ def shortened(text: str, most: int) -> str:
     """`text` in at most `most` characters.  The middle is left out, because beginning and end say most."""
     half = (most - 5) // 2
     return text if len(text) <= most else f"{text[:half]} ... {text[-half:]}"
+
+
+def suggestion(word: object, known: Iterable[str]) -> str:
+    """``"; did you mean 'pool2'?"`` where one of the known words is near, for the end of an error; else empty."""
+    near = get_close_matches(str(word), list(known), n=1)
+    return f"; did you mean {near[0]!r}?" if near else ""
 
 
 def one_line(text: str) -> str:

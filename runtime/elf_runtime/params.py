@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from .errors import SettingError
+from .errors import SettingError, suggestion
 from .values import (
     MOST_SCALES,
     WIDEST_BLUR,
@@ -183,7 +183,9 @@ def setting_value(name: str, text: str) -> Any:
 
 def _check_name(name: str) -> None:
     if name not in SETTINGS:
-        raise SettingError(f"unknown detection setting {name!r}; known are {sorted(SETTINGS)}")
+        raise SettingError(
+            f"unknown detection setting {name!r}; known are {sorted(SETTINGS)}{suggestion(name, SETTINGS)}"
+        )
 
 
 def _checked(name: str, value: Any, shown: str = "") -> Any:

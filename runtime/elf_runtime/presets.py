@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from .errors import SettingError
+from .errors import SettingError, suggestion
 from .params import DetectionParams
 
 _PAPER = DetectionParams(quantize=True, min_contrast=0.0)
@@ -58,4 +58,4 @@ def preset(name: str, network: str = "vgg") -> DetectionParams:
         return replace(_PAPER, denoise=(5, 2.0), threshold_blur=(17, 6.0))
     if name == "paper-components":
         return replace(params, threshold_blur=(5, 5.0))
-    raise SettingError(f"unknown preset {name!r}; known are {list(PRESETS)}")
+    raise SettingError(f"unknown preset {name!r}; known are {list(PRESETS)}{suggestion(name, PRESETS)}")

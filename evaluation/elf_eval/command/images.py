@@ -16,7 +16,15 @@ from .outputs import check_folder
 def add_parser(commands: Subcommands) -> None:
     parser = commands.add_parser("images", help="write a dataset's images as evaluated, for another program's features")
     parser.add_argument("dataset", help="kind:FOLDER[?option=value&...]")
-    parser.add_argument("--out", required=True, help="folder of the images; each gets its name in the dataset, as .png")
+    parser.add_argument(
+        "-o",
+        "--output",
+        "--out",
+        dest="out",
+        metavar="FOLDER",
+        required=True,
+        help="folder of the images; each gets its name in the dataset, as .png",
+    )
     parser.add_argument("--size", type=image_size, help="WIDTHxHEIGHT or source")
     parser.set_defaults(action=_images)
 

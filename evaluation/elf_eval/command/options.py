@@ -43,7 +43,7 @@ def add_resources(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--cache", default=str(default_folder()), help="folder of the features (%(default)s)")
     group.add_argument("--workers", type=positive, default=1, help="processes (1)")
     group.add_argument("--threads", type=positive, help="threads of each process (all cores)")
-    group.add_argument("--quiet", action="store_true", help="no progress lines")
+    group.add_argument("-q", "--quiet", action="store_true", help="no progress lines")
 
 
 def resources(args: argparse.Namespace) -> Resources:

@@ -18,7 +18,9 @@ def add_parser(commands: Subcommands) -> None:
     parser = commands.add_parser("report", help="tables, plots and page of a results file, again")
     parser.add_argument("results", help="results.json of elf-eval run")
     parser.add_argument("--suite", help="its title, notes, tables and rows of the paper")
-    parser.add_argument("--out", help="by default the folder of the results")
+    parser.add_argument(
+        "-o", "--output", "--out", dest="out", metavar="FOLDER", help="by default the folder of the results"
+    )
     parser.set_defaults(action=_report)
 
 

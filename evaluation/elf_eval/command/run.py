@@ -28,7 +28,9 @@ def add_parser(commands: Subcommands) -> None:
     parser.add_argument("--dataset", action="append", help="[NAME=]kind:FOLDER[?option=value&...]; may be repeated")
     parser.add_argument("--detector", action="append", help="sift, elf:FILE.onnx?preset=paper, ...; may be repeated")
     parser.add_argument("--descriptor", action="append", help="instead of the detectors' own; may be repeated")
-    parser.add_argument("--out", required=True, help="folder of the results")
+    parser.add_argument(
+        "-o", "--output", "--out", dest="out", metavar="FOLDER", required=True, help="folder of the results"
+    )
     add_protocol(parser)
     add_resources(parser)
     parser.set_defaults(action=_run)

@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 from elf_eval.errors import EvalError
 from elf_eval.spec import Spec
+from elf_runtime.errors import suggestion
 
 from .dataset import Dataset
 from .derived import rotation, scale, synthetic
@@ -38,7 +39,8 @@ def open_dataset(text: str) -> Dataset:
     """
     spec = Spec.parse(text)
     if spec.kind not in DATASETS:
-        raise EvalError(f"{text}: unknown kind of dataset {spec.kind!r}; known are {sorted(DATASETS)}")
+        near = suggestion(spec.kind, DATASETS)
+        raise EvalError(f"{text}: unknown kind of dataset {spec.kind!r}; known are {sorted(DATASETS)}{near}")
     dataset = DATASETS[spec.kind](spec)
     spec.finish()
     if not dataset.pairs:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from elf_eval.errors import EvalError
 from elf_eval.protocol import checked_ratio
 from elf_eval.spec import Spec
-from elf_runtime.errors import first_line
+from elf_runtime.errors import first_line, suggestion
 
 from .elf import Elf
 from .gradient import Gradient
@@ -51,7 +51,8 @@ def open_method(text: str, threads: int | None = None) -> Method:
     ratio = spec.take("ratio", _ratio, None)
     factory = _plugin(spec) if spec.kind == "plugin" else METHODS.get(spec.kind)
     if factory is None:
-        raise EvalError(f"{text}: unknown method {spec.kind!r}; known are {sorted(METHODS)} and plugin:...")
+        near = suggestion(spec.kind, METHODS)
+        raise EvalError(f"{text}: unknown method {spec.kind!r}; known are {sorted(METHODS)} and plugin:...{near}")
     method = _made_by_plugin(factory, spec, threads) if spec.kind == "plugin" else factory(spec, threads)
     spec.finish()
     if ratio is not None:

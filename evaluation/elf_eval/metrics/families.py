@@ -6,6 +6,7 @@ from collections.abc import Collection
 
 from elf_eval.data.truth import Truth
 from elf_eval.errors import EvalError
+from elf_runtime.errors import suggestion
 
 from .epipolar import EPIPOLAR
 from .homography import HOMOGRAPHY
@@ -37,7 +38,8 @@ def check_metrics(asked: Collection[str], known: Collection[str], who: str) -> N
     if errors := [name for name in asked if name in ERRORS]:
         raise EvalError(f"{errors[0]} can't be averaged, failures have none; take h_auc@..., pose_auc@... or epi@...")
     if unknown := [repr(name) for name in asked if name not in known]:
-        raise EvalError(f"unknown metric {', '.join(unknown)}; {who} {', '.join(known)}")
+        near = suggestion(unknown[0].strip("'"), known)
+        raise EvalError(f"unknown metric {', '.join(unknown)}; {who} {', '.join(known)}{near}")
 
 
 def is_share(metric: str) -> bool:

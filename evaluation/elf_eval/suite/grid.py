@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 
 from elf_eval.errors import EvalError
+from elf_runtime.errors import suggestion
 from elf_runtime.params import SETTINGS, setting_value
 
 _MOST = 1000  # values of a range
@@ -30,7 +31,9 @@ def parse_grid(items: list[str]) -> dict[str, list[str]]:
     for item in items:
         name, _, values = item.partition("=")
         if name not in SETTINGS:
-            raise EvalError(f"grid {item!r}: unknown setting {name!r}; known are {sorted(SETTINGS)}")
+            raise EvalError(
+                f"grid {item!r}: unknown setting {name!r}; known are {sorted(SETTINGS)}{suggestion(name, SETTINGS)}"
+            )
         try:
             grid[name] = list(dict.fromkeys(v for text in values.split("/") for v in _in_range(text)))
             for text in grid[name]:

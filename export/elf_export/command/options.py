@@ -7,8 +7,8 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from elf_export.request import POOLS, PRECISIONS, Request
-from elf_runtime.commands.command import Parser, new_parser
-from elf_runtime.commands.options import setting
+from elf_runtime.commands.options import add_quiet, setting
+from elf_runtime.commands.parser import Parser, new_parser
 
 if TYPE_CHECKING:
     from elf_export.compression.ranks import Compression
@@ -119,6 +119,7 @@ def _file(p: argparse.ArgumentParser) -> None:
     p.add_argument("--opset", type=int, metavar="N", help="ONNX opset of the file, 11 to 20 (default: 17; with "
                    "--onnx the model's own, if it is one of these)")  # fmt: skip
     p.add_argument("--force", action="store_true", help="overwrite an existing file")
+    add_quiet(p)
     p.add_argument("--list", action="store_true", help="list the networks, or the layers of one, and stop")
     p.add_argument("--desc-weights", metavar="FILE", help="weights of the other network of --desc NET:LAYER")
     p.add_argument("--offline", action="store_true", help="never use the network; so does ELF_OFFLINE=1")

@@ -27,6 +27,8 @@ from .bench_workloads import PEERS, Image, float_model, ours, peers, saliencies,
 from .command import UsageError
 from .cores import opencv_threads
 from .outputs import check_outputs
+from .parser import Parser, add_json, new_parser
+from .progress import Progress
 from .terminal import say
 
 DESCRIPTION = """\
@@ -54,8 +56,8 @@ peers
   sift, orb    OpenCV's, detectAndCompute on the grey image, at most 500 keypoints"""
 
 
-def build_parser() -> command.Parser:
-    parser = command.new_parser("elf-bench", DESCRIPTION, EPILOG)
+def build_parser() -> Parser:
+    parser = new_parser("elf-bench", DESCRIPTION, EPILOG)
     parser.add_argument(
         "--sizes",
         type=sizes,
@@ -81,7 +83,8 @@ def build_parser() -> command.Parser:
         "--peers", metavar="NAME,...", help="of torch, sift, orb, or none: detection only; default: those installed"
     )
     parser.add_argument("--torch-model", metavar="FILE", help="ELF model whose weights torch takes; default: --model")
-    parser.add_argument("--json", metavar="FILE", help="write everything, samples included; - is standard output")
+    add_json(parser, "everything, samples included")
+    options.add_quiet(parser)
     options.add_model_options(parser)
     parser.add_argument("--preset", choices=PRESETS, help="detection settings; default: the model's own")
     options.add_set_option(parser)
@@ -126,7 +129,7 @@ def _work(args: argparse.Namespace) -> int:
         "repeats": args.repeats,
         "warmup": args.warmup,
         "spin": args.spin,
-        "start_up": start_up(args.model, args.provider, args.threads, args.processes),
+        "start_up": start_up(args.model, options.provider(args), args.threads, args.processes),
         "sizes": [],
         "peers": {},
     }
@@ -141,14 +144,20 @@ def _work(args: argparse.Namespace) -> int:
             write_picture(picture, image)
             workloads = [ours(elf, picture, params), *(saliencies(elf, twin, image) if wanted else [])]
             runs.append(SizeRun(image, [*workloads, *peers(wanted, image, torch_saliency)]))
-        time_in_turn(runs, args.warmup, args.repeats)
+        rounds = args.warmup + args.repeats
+        if not args.quiet:
+            say(f"timing {sum(len(run.workloads) for run in runs)} contenders in {rounds} rounds ...", sys.stderr)
+        progress = Progress("elf-bench", "round", rounds, sys.stderr, args.quiet)
+        time_in_turn(runs, args.warmup, args.repeats, progress.advance)
+        progress.close()
         for run in runs:
             entry = run.entry()
             if torch_saliency is not None:
                 entry["saliency_agreement"] = run.agreement(twin or elf, torch_saliency)
-            entry["memory"] = peak_memory(args.model, args.provider, args.threads, run.image.shape[:2], params)
+            entry["memory"] = peak_memory(args.model, options.provider(args), args.threads, run.image.shape[:2], params)
             report["sizes"].append(entry)
-    say(table(report), sys.stderr if args.json == "-" else None)
+    if not args.quiet:
+        say(table(report), sys.stderr if args.json == "-" else None)
     if args.json:
         command.write_json(args.json, report)
     return 0
@@ -173,8 +182,8 @@ def _peer_names(text: str | None) -> list[str]:
 
 def _open(model: str | None, args: argparse.Namespace) -> ElfRuntime:
     """With a session for every size: they take turns."""
-    options = {"providers": args.provider, "threads": args.threads, "spin": args.spin or None}
-    return ElfRuntime(model, **options, sizes=len(args.sizes))
+    session = {"providers": options.provider(args), "threads": args.threads, "spin": args.spin or None}
+    return ElfRuntime(model, **session, sizes=len(args.sizes))
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -52,10 +52,10 @@ class SizeRun:
         return {"precision": elf.contract.precision, "share": share}
 
 
-def time_in_turn(runs: Sequence[SizeRun], warmup: int, repeats: int) -> None:
+def time_in_turn(runs: Sequence[SizeRun], warmup: int, repeats: int, after_round: Callable[[], object]) -> None:
     """Fill in what is measured; the workloads of all sizes take turns."""
     numbered = [replace(work, name=f"{i}:{work.name}") for i, run in enumerate(runs) for work in run.workloads]
-    samples, keypoints = interleaved(numbered, warmup, repeats)
+    samples, keypoints = interleaved(numbered, warmup, repeats, after_round)
     for i, run in enumerate(runs):
         mine = f"{i}:"
         run.samples = {name.removeprefix(mine): v for name, v in samples.items() if name.startswith(mine)}

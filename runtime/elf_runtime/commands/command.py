@@ -1,4 +1,4 @@
-"""What every command begins and ends with: its parser, its exit status, and errors for people and for programs."""
+"""What every command begins and ends with: its exit status, and errors for people and for programs."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from itertools import pairwise
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import cv2
 
-from elf_runtime import __version__
 from elf_runtime.errors import ElfError, SettingError, one_line, reason
 from elf_runtime.files.write import write_atomically
 
+from .parser import Parser, asks_for_json, print_json_error
 from .terminal import discard_stdout, print_anything, say
 
 FAILED, USAGE, INTERRUPTED, TERMINATED = 1, 2, 128 + signal.SIGINT, 128 + signal.SIGTERM
@@ -31,35 +30,6 @@ class UsageError(ElfError):
 
 class Terminated(BaseException):
     """SIGTERM came."""
-
-
-class Parser(argparse.ArgumentParser):
-    """A parser whose errors are JSON too, where the command line asks for JSON on standard output.
-
-    It, and those of its subcommands, take whole names of options only.
-    """
-
-    as_json = False
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(**{"allow_abbrev": False, **options})
-
-    def error(self, message: str) -> NoReturn:
-        if self.as_json:
-            print_json_error(message)
-        super().error(message)
-
-
-def new_parser(name: str, description: str, epilog: str = "") -> Parser:
-    """A parser that keeps the lines of its texts, and knows ``--version``."""
-    parser = Parser(
-        prog=name,
-        description=description,
-        epilog=epilog,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--version", action="version", version=f"{name} {__version__}")
-    return parser
 
 
 def run(
@@ -91,7 +61,7 @@ def run(
             set_level(0)
         os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     words = sys.argv[1:] if argv is None else list(argv)
-    parser.as_json = _asks_for_json(parser, words)
+    parser.as_json = asks_for_json(words)
     args = parser.parse_args(words)
     try:
         with terminable():
@@ -110,18 +80,6 @@ def run(
     if parser.as_json:
         print_json_error(text)
     return status
-
-
-def _asks_for_json(parser: Parser, words: Sequence[str]) -> bool:
-    """Whether ``--json`` means standard output: anywhere where it is a switch, else with ``-`` where it comes last."""
-    if parser.get_default("json") is False:
-        return "--json" in words
-    targets = [
-        following if word == "--json" else word.removeprefix("--json=")
-        for word, following in pairwise([*words, ""])
-        if word == "--json" or word.startswith("--json=")
-    ]
-    return targets[-1:] == ["-"]
 
 
 @contextmanager
@@ -151,11 +109,6 @@ def _text(error: object) -> str:
     """What to say of an error: a line, or several of those that have rows."""
     text = f"{error.filename}: {reason(error)}" if isinstance(error, OSError) and error.filename else str(error)
     return text if isinstance(error, ElfError) and error.has_rows else one_line(text)
-
-
-def print_json_error(text: str) -> None:
-    """``{"error": text}`` on standard output."""
-    say(json.dumps({"error": text}, indent=2))
 
 
 def write_text(path: Path, text: str) -> None:

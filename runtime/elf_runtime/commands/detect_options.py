@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from . import command, options
+from . import options
+from .parser import Parser, add_json, new_parser
 
 DESCRIPTION = """\
 Detect ELF keypoints in images, videos or what a camera sees, and describe them.
@@ -38,8 +39,8 @@ examples:
 exit status: 0 if every image was done, 1 if some could not be, 2 on a wrong command line"""
 
 
-def build_parser() -> command.Parser:
-    parser = command.new_parser("elf-detect", DESCRIPTION, EPILOG)
+def build_parser() -> Parser:
+    parser = new_parser("elf-detect", DESCRIPTION, EPILOG)
     parser.add_argument(
         "images", nargs="*", metavar="IMAGE", help="image file, folder of images, pattern, or video file"
     )
@@ -82,11 +83,11 @@ def build_parser() -> command.Parser:
         help="images at once, each with its share of --threads and memory of its own; default: 1 for one image, else "
         "one per core, at most 4",
     )  # fmt: skip
-    parser.add_argument("--json", metavar="FILE", help="write a summary of the run at its end; - is standard output")
+    add_json(parser, "a summary of the run at its end")
     parser.add_argument(
         "--jsonl", metavar="FILE", help="write a line of JSON for each image as it is done; - is standard output"
     )
-    parser.add_argument("-q", "--quiet", action="store_true", help="say nothing but errors")
+    options.add_quiet(parser)
     options.add_image_options(parser)
     options.add_detection_options(parser)
     options.add_model_options(parser)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -25,10 +24,11 @@ from elf_runtime.model.onnx_file import OnnxFile, Tensor, read_onnx
 from elf_runtime.model.ort_format import is_ort_format, to_ort
 from elf_runtime.model.providers import Provider, is_cpu, resolve_providers
 
-from . import command
+from . import command, options
 from .command import UsageError
 from .info_text import report_text
 from .outputs import check_outputs
+from .parser import Parser, add_json, new_parser
 from .terminal import say
 
 DESCRIPTION = """\
@@ -49,24 +49,20 @@ within a pixel; 2 on a wrong command line
 examples:
   elf-info model.onnx --provider tensorrt
   elf-info model.onnx --provider openvino --image photo.jpg \\
-      --option 'load_config={"CPU": {"INFERENCE_PRECISION_HINT": "bf16"}}'"""
+      --provider-option 'load_config={"CPU": {"INFERENCE_PRECISION_HINT": "bf16"}}'"""
 
 
-def build_parser() -> command.Parser:
-    parser = command.new_parser("elf-info", DESCRIPTION, EPILOG)
+def build_parser() -> Parser:
+    parser = new_parser("elf-info", DESCRIPTION, EPILOG)
     parser.add_argument("model", nargs="?", metavar="MODEL", help="an .onnx or .ort file; default: the bundled model")
-    parser.add_argument("--provider", metavar="NAME", help="measure this provider only; default: all installed")
-    parser.add_argument(
-        "--option", action="append", default=[], metavar="KEY=VALUE",
-        help="an option of that provider, as ONNX Runtime names it; may be repeated",
-    )  # fmt: skip
+    options.add_provider(parser, "measure this provider only; default: all installed")
     parser.add_argument("--image", metavar="FILE", help="compare the keypoints on this image")
     parser.add_argument("--ort", metavar="FILE", help="write the model in ORT format (.ort) too")
     parser.add_argument(
         "--this-machine", action="store_true",
         help="optimise that file for this processor's vectors: faster, and for such processors only",
     )  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="print everything as JSON")
+    add_json(parser, "everything")
     return parser
 
 
@@ -75,13 +71,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _work(args: argparse.Namespace) -> int:
-    if args.option and not args.provider:
-        raise UsageError("--option is for the provider that --provider names")
+    asked = options.provider(args)
     if args.this_machine and not args.ort:
         raise UsageError("--this-machine is for the file that --ort names")
-    check_outputs({"--ort": [args.ort]}, {"the image": [args.image], "the model": [args.model]})
-    settings = dict(map(_option, args.option))
-    asked: Provider | None = (args.provider, settings) if settings else args.provider
+    check_outputs({"--ort": [args.ort], "--json": [args.json]}, {"the image": [args.image], "the model": [args.model]})
     image = pattern() if args.image is None else read(args.image)
     path = Path(args.model) if args.model else bundled_model("int8" if is_cpu(args.provider) else "fp32")
     graph = None if is_ort_format(path) else _graph(read_onnx(path))
@@ -106,18 +99,14 @@ def _work(args: argparse.Namespace) -> int:
         report["ort"] = args.ort
     if failures:
         report["error"] = "\n".join(map(str, failures))
-    say(json.dumps(report, indent=2) if args.json else report_text(report))
+    if args.json:
+        command.write_json(args.json, report)
+    if args.json != "-":
+        say(report_text(report))
     sys.stdout.flush()
     for reason in failures:
         command.report("elf-info", reason)
     return command.FAILED if failures else 0
-
-
-def _option(text: str) -> tuple[str, str]:
-    key, separator, value = text.partition("=")
-    if not (key and separator):
-        raise UsageError(f"--option takes KEY=VALUE, not {text!r}")
-    return key, value
 
 
 def _measured(path: Path, contract: ModelContract, provider: Provider, image: npt.NDArray[Any]) -> dict[str, Any]:

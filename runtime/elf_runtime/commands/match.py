@@ -25,6 +25,7 @@ from elf_runtime.results.matching import match
 from . import command, options
 from .command import UsageError
 from .outputs import check_outputs
+from .parser import Parser, add_json, new_parser
 from .terminal import say
 
 DESCRIPTION = """\
@@ -50,8 +51,8 @@ scores, sizes and angles (scores_a, scores_b ..., (M,)), inliers (M,), and the f
 is none."""
 
 
-def build_parser() -> command.Parser:
-    parser = command.new_parser("elf-match", DESCRIPTION, EPILOG)
+def build_parser() -> Parser:
+    parser = new_parser("elf-match", DESCRIPTION, EPILOG)
     parser.add_argument("a", metavar="A", help="first image")
     parser.add_argument("b", metavar="B", help="second image")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="draw the matches: .png or .jpg")
@@ -64,9 +65,7 @@ def build_parser() -> command.Parser:
         help="largest distance of an inlier, in pixels; default: 3",
     )
     parser.add_argument("--save", type=Path, metavar="FILE", help="write the matches as .npz")
-    parser.add_argument(
-        "--json", metavar="FILE", help="write images, model, settings, counts and the matrix; - is standard output"
-    )
+    add_json(parser, "images, model, settings, counts and the matrix")
     options.add_image_options(parser)
     options.add_detection_options(parser)
     options.add_model_options(parser)

@@ -10,8 +10,9 @@ from typing import Any
 import numpy.typing as npt
 
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.errors import SettingError
+from elf_runtime.errors import SettingError, suggestion
 from elf_runtime.image.file import MAX_PIXELS, read
+from elf_runtime.model.providers import Provider
 from elf_runtime.params import SETTINGS, DetectionParams, parse_setting, parse_value, setting_text, setting_value
 from elf_runtime.presets import PRESETS
 
@@ -21,12 +22,36 @@ from .command import UsageError
 def add_model_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("model")
     group.add_argument("--model", metavar="FILE", help="ELF model that elf-export wrote; default: the bundled one")
-    group.add_argument(
-        "--provider",
-        metavar="NAME",
-        help="ONNX Runtime execution provider: cpu (default), cuda, openvino, ...",
-    )
+    add_provider(group, "ONNX Runtime execution provider: cpu (default), cuda, openvino, ...")
     group.add_argument("--threads", type=positive, metavar="N", help="threads of the network; default: one per core")
+
+
+def add_provider(parser: argparse._ActionsContainer, what: str) -> None:
+    """The options that `provider` reads."""
+    parser.add_argument("--provider", metavar="NAME", help=what)
+    parser.add_argument(
+        "--provider-option", "--option", action="append", default=[], type=key_and_value, metavar="KEY=VALUE",
+        help="an option of that provider, as ONNX Runtime names it; may be given several times",
+    )  # fmt: skip
+
+
+def provider(args: argparse.Namespace) -> Provider | None:
+    """The provider that is asked for, with its options; None where none is.
+
+    Raises
+    ------
+    UsageError
+        On options without a provider.
+    """
+    if not args.provider_option:
+        return None if args.provider is None else str(args.provider)
+    if args.provider is None:
+        raise UsageError("--provider-option is for the provider that --provider names")
+    return args.provider, dict(args.provider_option)
+
+
+def add_quiet(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("-q", "--quiet", action="store_true", help="say nothing but errors")
 
 
 def add_detection_options(parser: argparse.ArgumentParser) -> None:
@@ -107,7 +132,8 @@ def settings(args: argparse.Namespace) -> dict[str, Any]:
     given = {name: getattr(args, name) for name in own_options}
     for name, _ in args.set:
         if name not in SETTINGS:
-            raise UsageError(f"--set: unknown setting {name!r}; known are {', '.join(SETTINGS)}")
+            near = suggestion(name, SETTINGS)
+            raise UsageError(f"--set: unknown setting {name!r}; known are {', '.join(SETTINGS)}{near}")
         if given.get(name) is not None:
             raise UsageError(f"--set {name}: --{name.replace('_', '-')} is given too; leave one of them out")
     found = given | dict(args.set)
@@ -146,7 +172,7 @@ def origin(elf: ElfRuntime, args: argparse.Namespace) -> dict[str, Any]:
 
 def open_runtime(args: argparse.Namespace) -> ElfRuntime:
     """The model of the options, with detection settings checked before the first image is read."""
-    elf = ElfRuntime(args.model, providers=args.provider, threads=args.threads, max_pixels=args.max_pixels)
+    elf = ElfRuntime(args.model, providers=provider(args), threads=args.threads, max_pixels=args.max_pixels)
     params(elf, args)
     elf.contract.descriptor(args.descriptor)
     return elf
@@ -164,6 +190,14 @@ def from_zero(text: str) -> int:
     if re.fullmatch("[0-9]+", text) is None:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 on")
     return int(text)
+
+
+def key_and_value(text: str) -> tuple[str, str]:
+    """An argparse type: ``KEY=VALUE``."""
+    key, separator, value = text.partition("=")
+    if not (key and separator):
+        raise argparse.ArgumentTypeError(f"{text!r} is not KEY=VALUE")
+    return key, value
 
 
 def setting(text: str) -> tuple[str, Any]:

@@ -37,6 +37,11 @@ class Progress:
             say(line, self._lines)
             self._lines.flush()
 
+    def advance(self) -> None:
+        """One more is done, and there is nothing to say of it."""
+        if self._bar is not None:
+            self._bar.update()
+
     def failed(self, error: str) -> None:
         if self._bar is not None:
             self._bar.clear()

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from elf_runtime.errors import ContractError, SettingError
+from elf_runtime.errors import ContractError, SettingError, suggestion
 from elf_runtime.params import DetectionParams
 
 from .metadata import read_metadata, write_metadata
@@ -128,5 +128,6 @@ class ModelContract:
         for spec in self.descriptors:
             if spec.layer == layer:
                 return spec
-        known = [spec.layer for spec in self.descriptors] or "none"
-        raise SettingError(f"this model has no descriptor layer {layer!r}; it has {known}")
+        known = [spec.layer for spec in self.descriptors]
+        near = suggestion(layer, known)
+        raise SettingError(f"this model has no descriptor layer {layer!r}; it has {known or 'none'}{near}")

@@ -8,7 +8,7 @@ from typing import Any
 
 import onnxruntime as ort
 
-from elf_runtime.errors import ProviderError
+from elf_runtime.errors import ProviderError, suggestion
 
 Provider = str | tuple[str, Mapping[str, Any]]
 
@@ -85,7 +85,7 @@ def resolve_providers(wanted: Provider | Sequence[Provider] | None, fallback: bo
     for name, options in entries:
         full = _full_name(name)
         if full not in known and full not in available:
-            raise ProviderError(f"unknown provider {name!r}; installed are {available}")
+            raise ProviderError(f"unknown provider {name!r}; installed are {available}{_near(name, known)}")
         if full not in available:
             text = f"{full} is not in the installed onnxruntime {ort.__version__}, which has {available}"
             if not fallback:
@@ -94,6 +94,10 @@ def resolve_providers(wanted: Provider | Sequence[Provider] | None, fallback: bo
             continue
         chosen.append(full if options is None else (full, options))
     return chosen or ["CPUExecutionProvider"]
+
+
+def _near(name: str, known: Sequence[str]) -> str:
+    return suggestion(name, [word for full in known for word in (full, full.removesuffix("ExecutionProvider").lower())])
 
 
 def provider_names(providers: Sequence[Provider]) -> list[str]:

@@ -12,6 +12,7 @@ from typing import Any
 
 import elf_runtime
 from elf_runtime.errors import ElfError
+from elf_runtime.model.providers import Provider
 from elf_runtime.params import DetectionParams
 
 # Peak memory is the kernel's high-water mark of the address space, where there is one: Linux hands ru_maxrss
@@ -22,7 +23,9 @@ start = time.perf_counter()
 import elf_runtime
 imported = time.perf_counter()
 options = json.loads(sys.argv[1])
-elf = elf_runtime.ElfRuntime(options["model"], providers=options["provider"], threads=options["threads"])
+provider = options["provider"]
+provider = tuple(provider) if isinstance(provider, list) else provider
+elf = elf_runtime.ElfRuntime(options["model"], providers=provider, threads=options["threads"])
 loaded = time.perf_counter()
 
 def peak():
@@ -50,7 +53,7 @@ print(json.dumps(result))
 """
 
 
-def start_up(model: str | None, provider: str | None, threads: int, repeats: int) -> dict[str, float]:
+def start_up(model: str | None, provider: Provider | None, threads: int, repeats: int) -> dict[str, float]:
     """Median seconds of ``import elf_runtime`` and of loading the model, over fresh processes."""
     runs = [_run(model, provider, threads, None) for _ in range(repeats)]
     return {
@@ -61,7 +64,11 @@ def start_up(model: str | None, provider: str | None, threads: int, repeats: int
 
 
 def peak_memory(
-    model: str | None, provider: str | None, threads: int, size: tuple[int, int], params: DetectionParams | None = None
+    model: str | None,
+    provider: Provider | None,
+    threads: int,
+    size: tuple[int, int],
+    params: DetectionParams | None = None,
 ) -> dict[str, float | None]:
     """Peak resident bytes of a fresh process: model loaded, and after two detections at `size` (H, W)."""
     run = _run(model, provider, threads, size, params)
@@ -70,7 +77,7 @@ def peak_memory(
 
 def _run(
     model: str | None,
-    provider: str | None,
+    provider: Provider | None,
     threads: int,
     size: tuple[int, int] | None,
     params: DetectionParams | None = None,

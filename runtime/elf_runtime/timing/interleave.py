@@ -24,9 +24,9 @@ class Workload:
 
 
 def interleaved(
-    workloads: Sequence[Workload], warmup: int, repeats: int
+    workloads: Sequence[Workload], warmup: int, repeats: int, after_round: Callable[[], object] = lambda: None
 ) -> tuple[dict[str, list[float]], dict[str, int]]:
-    """Run every workload once a round, in rotating order.
+    """Run every workload once a round, in rotating order, and call `after_round` after each.
 
     Returns
     -------
@@ -52,6 +52,7 @@ def interleaved(
                 samples.setdefault(f"{workload.name}.{stage}", []).append(seconds)
             if count is not None:
                 keypoints[workload.name] = count
+        after_round()
     # In the order of the workloads, whichever of them came first.
     order = [workload.name for workload in workloads]
     names = sorted(samples, key=lambda name: order.index(name.partition(".")[0]))

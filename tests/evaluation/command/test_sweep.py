@@ -36,7 +36,7 @@ def test_a_sweep_checks_its_metric_before_any_work(metric, hpatches_folder, tmp_
     where = ["--model", "sobel", "--dataset", f"hpatches:{hpatches_folder}", "--cache", str(tmp_path / "c")]
     (line,) = error_of(["sweep", *where, "--metric", metric], capsys)
     assert line.startswith(f"unknown metric '{metric}'; a run on hpatches:{hpatches_folder} has n1, n2, ")
-    assert line.endswith("h_inliers, h_auc@1, h_auc@3, h_auc@5")
+    assert "h_inliers, h_auc@1, h_auc@3, h_auc@5" in line
 
 
 def test_a_sweep_by_a_count_is_no_percentage(hpatches_folder, tmp_path, capsys):

@@ -82,7 +82,7 @@ def test_settings_are_what_is_timed(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 @pytest.mark.parametrize(
     ("target", "status", "reason"),
-    [("p.png", 2, "p.png is the image"), ("nodir/b.json", 1, "there is no folder nodir")],
+    [("link.json", 2, "link.json is the image"), ("nodir/b.json", 1, "there is no folder nodir")],
 )
 def test_the_report_s_place_is_checked_before_the_work(
     tmp_path: Path,
@@ -95,6 +95,7 @@ def test_the_report_s_place_is_checked_before_the_work(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("elf_runtime.commands.bench.start_up", None)
     cv2.imwrite("p.png", synthetic(64, 64))
+    Path("link.json").symlink_to("p.png")
     before = Path("p.png").read_bytes()
     assert bench("--image", "p.png", "--peers", "none", "--json", target) == status
     assert f"--json: {reason}" in capsys.readouterr().err

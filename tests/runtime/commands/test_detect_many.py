@@ -146,7 +146,7 @@ def test_a_video_that_is_none_among_others(tmp_path: Path, capsys: pytest.Captur
         (["none*.mp4", "-o", "out"], "none*.mp4: no file matches"),
         (["a.png", "-o", "out", "--json", "-", "--jsonl", "-"], "can't both have standard output"),
         (["a.png", "-o", "out", "--jsonl", "a.png"], "--jsonl: a.png is an input image"),
-        (["c.avi", "-o", "out", "--json", "c.avi"], "--json: c.avi is an input image"),
+        (["c.avi", "-o", "out", "--jsonl", "c.avi"], "--jsonl: c.avi is an input image"),
     ],
 )
 def test_command_lines_that_make_no_sense(

@@ -83,17 +83,18 @@ def test_a_hard_link_to_an_input_is_not_written(tmp_path: Path, capsys: pytest.C
 @pytest.mark.parametrize(
     ("arguments", "status", "reason"),
     [
-        (["p.png", "-o", ".", "--mask", "m/p.png", "--no-picture", "--json", "m/p.png"], 2, "m/p.png is the mask"),
+        (["p.png", "-o", ".", "--mask", "m/p.png", "--no-picture", "--jsonl", "m/p.png"], 2, "m/p.png is the mask"),
         (["q.jpg", "-o", "m", "--mask", "m/q.png"], 2, "-o: m/q.png is the mask"),
         (["q.jpg", "-o", "m", "--mask", "link.png"], 2, "-o: m/q.png is the mask"),
-        (["p.png", "-o", "out", "--json", "p.png"], 2, "--json: p.png is an input image"),
-        (["m/p.png", "p.png", "-o", "out", "--json", "./p.png"], 2, "--json: p.png is an input image"),
-        (["q.jpg", "-o", "out", "--json", "out/q.png"], 2, "--json: out/q.png is an output of -o"),
-        (["p.jpg", "-o", "out", "--json", "out/p.jpg.png"], 2, "--json: out/p.jpg.png is an output of -o"),
-        (["p.jpg", "-o", "out", "--json", "model.onnx"], 2, "--json: model.onnx is the model"),
+        (["p.png", "-o", "out", "--jsonl", "p.png"], 2, "--jsonl: p.png is an input image"),
+        (["m/p.png", "p.png", "-o", "out", "--jsonl", "./p.png"], 2, "--jsonl: p.png is an input image"),
+        (["q.jpg", "-o", "out", "--jsonl", "out/q.png"], 2, "--jsonl: out/q.png is an output of -o"),
+        (["p.jpg", "-o", "out", "--jsonl", "out/p.jpg.png"], 2, "--jsonl: out/p.jpg.png is an output of -o"),
+        (["p.jpg", "-o", "out", "--jsonl", "model.onnx"], 2, "--jsonl: model.onnx is the model"),
         (["p.jpg", "-o", "out", "--json", "nodir/x.json"], 1, "--json: there is no folder nodir"),
         (["p.jpg", "-o", "out", "--json", "p.png/x.json"], 1, "--json: p.png is not a folder"),
-        (["p.jpg", "-o", "out", "--json", "m"], 1, "--json: m exists and is not a file"),
+        (["p.jpg", "-o", "out", "--jsonl", "m"], 1, "--jsonl: m exists and is not a file"),
+        (["p.jpg", "-o", "out", "--json", "link.json"], 2, "--json: link.json is an input image"),
         (["p.jpg", "-o", "p.png"], 1, "-o: p.png is not a folder"),
         (["p.jpg", "-o", "p.png/out"], 1, "-o: "),
     ],
@@ -109,6 +110,7 @@ def test_outputs_are_checked_before_the_work(
     for seed, name in enumerate(("p.png", "p.jpg", "q.jpg", "m/p.png", "m/q.png")):
         write(tmp_path / name, seed)
     (tmp_path / "link.png").symlink_to("m/q.png")
+    (tmp_path / "link.json").symlink_to("p.jpg")
     (tmp_path / "model.onnx").write_bytes(TINY.read_bytes())
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     monkeypatch.chdir(tmp_path)

@@ -10,6 +10,7 @@ import importlib
 import pkgutil
 
 from elf_export.errors import ExportError
+from elf_runtime.errors import suggestion
 
 from .parts.network import Network
 
@@ -31,7 +32,9 @@ def get_network(name: str) -> Network:
         If there is none, or PyTorch, which named networks are built with, is not installed.
     """
     if name not in network_names():
-        raise ExportError(f"unknown network {name!r}; known are {', '.join(network_names())}")
+        raise ExportError(
+            f"unknown network {name!r}; known are {', '.join(network_names())}{suggestion(name, network_names())}"
+        )
     try:
         network = importlib.import_module(f".{name}", __name__).NETWORK
     except ModuleNotFoundError as error:

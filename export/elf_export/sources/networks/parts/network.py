@@ -13,6 +13,7 @@ from elf_export.errors import LayerError
 from elf_export.preprocessing import Preprocessing
 from elf_export.sources.weights.sources import Download, Wheel
 from elf_runtime import DetectionParams, preset
+from elf_runtime.errors import suggestion
 
 if TYPE_CHECKING:
     import torch
@@ -81,4 +82,5 @@ class Network:
         """Raise LayerError on an unknown layer, naming the known ones."""
         for layer in layers:
             if layer not in self.layers:
-                raise LayerError(f"{self.name} has no layer {layer!r}; it has {', '.join(self.layers)}")
+                near = suggestion(layer, self.layers)
+                raise LayerError(f"{self.name} has no layer {layer!r}; it has {', '.join(self.layers)}{near}")

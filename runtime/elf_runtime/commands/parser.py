@@ -1,0 +1,113 @@
+"""The parser of every command: errors that suggest what was meant, JSON errors, ``--version`` and shell completion."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Any, NoReturn
+
+from elf_runtime import __version__
+from elf_runtime.errors import suggestion
+
+from .terminal import say
+
+SHELLS = ("bash", "zsh", "tcsh")
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are JSON too, where the command line asks for JSON on standard output.
+
+    It, and those of its subcommands, take whole names of options only.
+    """
+
+    as_json = False
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**{"allow_abbrev": False, **options})
+
+    def error(self, message: str) -> NoReturn:
+        message += self._meant(message)
+        if self.as_json:
+            print_json_error(message)
+        super().error(message)
+
+    def _meant(self, message: str) -> str:
+        """What a word that argparse refuses may have meant."""
+        if message.startswith("unrecognized arguments: "):
+            word = next((w for w in message.split()[2:] if w.startswith("-")), "").partition("=")[0]
+            return suggestion(word, _options(self)) if word else ""
+        choice = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)$", message)
+        return suggestion(choice[1], re.findall(r"[\w.:-]+", choice[2])) if choice else ""
+
+
+def _options(parser: argparse.ArgumentParser) -> Iterator[str]:
+    """The options of a parser and of its subcommands."""
+    for action in parser._actions:
+        yield from action.option_strings
+        if isinstance(action, argparse._SubParsersAction):
+            for below in action.choices.values():
+                yield from _options(below)
+
+
+class _PrintCompletion(argparse.Action):
+    """Print what a shell needs to complete the command's options, and stop."""
+
+    def __call__(self, parser: argparse.ArgumentParser, _: Any, shell: Any, __: str | None = None) -> NoReturn:
+        try:
+            import shtab
+        except ImportError:
+            parser.error('shell completion needs shtab: pip install shtab, or this package with its extra "cli"')
+        print(shtab.complete(parser, shell))
+        parser.exit()
+
+
+def new_parser(name: str, description: str, epilog: str = "") -> Parser:
+    """A parser that keeps the lines of its texts, and knows ``--version`` and ``--print-completion``."""
+    parser = Parser(
+        prog=name,
+        description=description,
+        epilog=epilog,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"{name} {__version__}")
+    parser.add_argument(
+        "--print-completion", action=_PrintCompletion, choices=SHELLS,
+        help="print a script that completes this command's options, for the shell to read",
+    )  # fmt: skip
+    return parser
+
+
+def add_json(parser: argparse.ArgumentParser, what: str) -> None:
+    """``--json [FILE]``: see `json_target`."""
+    parser.add_argument(
+        "--json", nargs="?", const="-", type=json_target, metavar="FILE",
+        help=f"{what}, as JSON: into a .json file, or, without FILE or with -, to standard output",
+    )  # fmt: skip
+
+
+def json_target(text: str) -> str:
+    """An argparse type: a file that ends in .json, or ``-``.
+
+    Any other word behind ``--json`` is likely to be an input of the command, which must not be written over.
+    """
+    if text != "-" and not text.lower().endswith(".json"):
+        raise argparse.ArgumentTypeError(f"{text!r} is no .json file; where it is an input, put --json behind it")
+    return text
+
+
+def asks_for_json(words: Sequence[str]) -> bool:
+    """Whether ``--json`` means standard output: alone, or with ``-``, where it comes last."""
+    targets = [
+        following if word == "--json" else word.removeprefix("--json=")
+        for word, following in pairwise([*words, "-"])
+        if word == "--json" or word.startswith("--json=")
+    ]
+    return bool(targets) and not targets[-1].lower().endswith(".json")
+
+
+def print_json_error(text: str) -> None:
+    """``{"error": text}`` on standard output."""
+    say(json.dumps({"error": text}, indent=2))
