@@ -17,6 +17,8 @@ from .geometry.refine import refine
 from .geometry.two_view import TwoView
 from .model.ort_format import to_ort
 from .params import DetectionParams
+from .pictures.pair import draw_matches
+from .pictures.render import draw_keypoints
 from .presets import PRESETS, preset
 from .results.features import Features
 from .results.matches import Matches
@@ -45,6 +47,8 @@ __all__ = [
     "Trace",
     "TwoView",
     "WeightsSpec",
+    "draw_keypoints",
+    "draw_matches",
     "estimate",
     "match",
     "preset",
