@@ -27,6 +27,9 @@ from .files.table import radius_of
 from .matches import Matches
 from .quantization import restored
 
+# What h5py and numpy raise on arrays that are damaged or of other kinds.
+_DAMAGED = (ElfError, KeyError, OSError, TypeError, ValueError)
+
 
 def write_features(
     path: str | os.PathLike[str], features: Mapping[str, Features], uncertainty: float | None = None
@@ -85,7 +88,7 @@ def read_features(path: str | os.PathLike[str]) -> dict[str, Features]:
         for name, group in _groups(file, "keypoints"):
             try:
                 found[name] = _features(group)
-            except (ElfError, KeyError, TypeError, ValueError) as error:
+            except _DAMAGED as error:
                 raise ElfError(f"{path}: {name}: {first_line(error)}") from error
     return found
 
@@ -140,19 +143,14 @@ def read_matches(path: str | os.PathLike[str]) -> dict[tuple[str, str], tuple[Ma
     ElfError
         As `read_features`.
     """
-    found = {}
+    found: dict[tuple[str, str], tuple[Matches, int]] = {}
     with _opened(path) as file:
         for name, group in _groups(file, "matches0"):
             first, _, second = name.partition("/")
-            partners = np.asarray(group["matches0"])
-            scores = np.asarray(group["matching_scores0"] if "matching_scores0" in group else np.ones(len(partners)))
-            if partners.ndim != 1 or partners.dtype.kind not in "iu" or scores.shape != partners.shape:
-                raise ElfError(f"{path}: {name}: matches0 is {partners.shape} {partners.dtype}, scores {scores.shape}")
-            index = np.flatnonzero(partners >= 0)
-            index = index[np.argsort(-scores[index], kind="stable")]
-            pairs = np.stack([index, partners[index]], axis=1).astype(np.int64)
-            matches = Matches(pairs, scores[index].astype(np.float32), np.ones(len(index), np.float32))
-            found[first, second] = (matches, len(partners))
+            try:
+                found[first, second] = _matches(group)
+            except _DAMAGED as error:
+                raise ElfError(f"{path}: {name}: {first_line(error)}") from error
     return found
 
 
@@ -174,6 +172,18 @@ def _features(group: Any) -> Features:
     if "sizes" in given:
         fields["nms_radius"] = radius_of(given["sizes"])
     return Features(points, scores, np.ascontiguousarray(rows), (height, width), **fields)
+
+
+def _matches(group: Any) -> tuple[Matches, int]:
+    """One pair's, and how many features its first image has."""
+    partners = np.asarray(group["matches0"])
+    scores = np.asarray(group["matching_scores0"] if "matching_scores0" in group else np.ones(len(partners)))
+    if partners.ndim != 1 or partners.dtype.kind not in "iu" or scores.shape != partners.shape:
+        raise ElfError(f"matches0 is {partners.shape} {partners.dtype}, matching_scores0 {scores.shape}")
+    index = np.flatnonzero(partners >= 0)
+    index = index[np.argsort(-scores[index], kind="stable")]
+    pairs = np.stack([index, partners[index]], axis=1).astype(np.int64)
+    return Matches(pairs, scores[index].astype(np.float32), np.ones(len(index), np.float32)), len(partners)
 
 
 def _partners(given: Any, count: int, key: str) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
