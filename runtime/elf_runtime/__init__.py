@@ -24,8 +24,7 @@ from .results.features import Features
 from .results.matches import Matches
 from .results.matching import match
 from .results.trace import Level, Trace
-
-__version__ = "0.1.0"
+from .version import __version__ as __version__
 
 __all__ = [
     "PRESETS",

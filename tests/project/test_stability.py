@@ -32,7 +32,7 @@ def test_the_schema_is_the_one_stated() -> None:
 
 
 def test_the_version_is_stated_in_one_place() -> None:
-    """elf_runtime/__init__.py has it: what else could state one reads it from there, or leaves it out."""
+    """elf_runtime/version.py has it: what else could state one reads it from there, or leaves it out."""
     for file in ("pyproject.toml", "CITATION.cff"):
         text = (ROOT / file).read_text(encoding="utf-8")
         assert re.findall(r"^version\b", text, re.MULTILINE) == [], file

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy.typing as npt
 
-import elf_runtime
 from elf_runtime.contract import DescriptorSpec
 from elf_runtime.detection.working_image import Levels
 from elf_runtime.image.file import ImageFile, ImageLike, read
 from elf_runtime.model.network import Network
 from elf_runtime.params import DetectionParams
+from elf_runtime.version import __version__
 
 
 @dataclass(frozen=True)
@@ -48,5 +48,5 @@ def record_of(
         "layer": network.contract.layer,
         "descriptor": spec.layer if spec else None,
         "settings": {name: list(v) if isinstance(v, tuple) else v for name, v in params.to_dict().items()},
-        "elf-onnx": elf_runtime.__version__,
+        "elf-onnx": __version__,
     }
