@@ -26,7 +26,7 @@ BUILT_FROM = {"pyproject.toml", "README.md", "LICENSE", "tools/dependencies.py"}
 
 
 def main(folder: Path) -> int:
-    (version,) = stated(r'^__version__ = "(.+)"$', "runtime/elf_runtime/__init__.py")
+    (version,) = stated(r'^__version__ = "(.+)"$', "runtime/elf_runtime/version.py")
     wheel, archive = folder / f"elf_onnx-{version}-py3-none-any.whl", folder / f"elf_onnx-{version}.tar.gz"
     faults = [f"{path} is missing" for path in (wheel, archive) if not path.is_file()]
     faults = faults or [*faults_of_wheel(wheel), *faults_of_archive(archive)]

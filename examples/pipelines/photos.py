@@ -6,10 +6,7 @@ from collections.abc import Iterator
 from itertools import combinations
 from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
-
-from elf_runtime import ElfRuntime, Features, match
+from elf_runtime import ElfRuntime, Features, Matches
 from elf_runtime.image.file import image_errors, read
 
 RATIO = 0.9  # repeated texture has second neighbours that are nearly as near: no match is better than a wrong one
@@ -56,7 +53,7 @@ def features_of(photos: dict[str, Path]) -> dict[str, Features]:
     return found
 
 
-def matches_of(found: dict[str, Features], ratio: float | None) -> Iterator[tuple[str, str, npt.NDArray[np.int64]]]:
-    """Of every image with every later one: both names, and the indices of what matches, (M, 2)."""
+def matches_of(found: dict[str, Features], ratio: float | None) -> Iterator[tuple[tuple[str, str], Matches]]:
+    """Of every image with every later one: both names, and what matches."""
     for a, b in combinations(found, 2):
-        yield a, b, match(found[a], found[b], ratio=ratio)
+        yield (a, b), Matches.between(found[a], found[b], ratio=ratio)

@@ -4,10 +4,11 @@ python to_hloc.py IMAGES OUT [--ratio R]
 """
 
 import sys
+from itertools import combinations
 
-import h5py
-import numpy as np
 from photos import arguments, features_of, matches_of, photos_in
+
+from elf_runtime.results.hloc import write_features, write_matches
 
 args = arguments(__doc__)
 out = args.out
@@ -18,22 +19,7 @@ if twice := [name for name in names if names.count(name) > 1]:
 found = features_of(photos)
 out.mkdir(parents=True, exist_ok=True)
 
-with h5py.File(out / "features.h5", "w") as file:
-    for name, features in found.items():
-        group = file.create_group(name)
-        group["keypoints"] = features.keypoints  # hloc adds COLMAP's half pixel itself
-        group["scores"] = features.scores
-        group["sizes"], group["angles"] = features.sizes, features.angles
-        group["descriptors"] = features.descriptors.T  # (D, N)
-        group["image_size"] = features.image_size[::-1]  # (width, height)
-
-with h5py.File(out / "matches.h5", "w") as file, open(out / "pairs.txt", "w", encoding="utf-8") as list_:
-    for a, b, pairs in matches_of(found, args.ratio):
-        list_.write(f"{a} {b}\n")
-        first, second = pairs.T
-        partners = np.full(len(found[a]), -1, np.int32)  # of each keypoint of a, in b; -1 is none
-        cosines = np.zeros(len(found[a]), np.float32)
-        partners[first] = second
-        cosines[first] = (found[a].descriptors[first] * found[b].descriptors[second]).sum(axis=1)
-        group = file.create_group("/".join(name.replace("/", "-") for name in (a, b)))
-        group["matches0"], group["matching_scores0"] = partners, cosines
+write_features(out / "features.h5", found)
+matches = matches_of(found, args.ratio)
+write_matches(out / "matches.h5", (((a, b), (between, len(found[a]))) for (a, b), between in matches))
+(out / "pairs.txt").write_text("".join(f"{a} {b}\n" for a, b in combinations(found, 2)), encoding="utf-8")

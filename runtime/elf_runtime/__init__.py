@@ -17,13 +17,14 @@ from .geometry.refine import refine
 from .geometry.two_view import TwoView
 from .model.ort_format import to_ort
 from .params import DetectionParams
+from .pictures.pair import draw_matches
+from .pictures.render import draw_keypoints
 from .presets import PRESETS, preset
 from .results.features import Features
 from .results.matches import Matches
 from .results.matching import match
 from .results.trace import Level, Trace
-
-__version__ = "0.1.0"
+from .version import __version__ as __version__
 
 __all__ = [
     "PRESETS",
@@ -45,6 +46,8 @@ __all__ = [
     "Trace",
     "TwoView",
     "WeightsSpec",
+    "draw_keypoints",
+    "draw_matches",
     "estimate",
     "match",
     "preset",

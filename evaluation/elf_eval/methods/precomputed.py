@@ -20,6 +20,7 @@ from elf_eval.data.images import Image
 from elf_eval.errors import EvalError, reason
 from elf_eval.features import LocalFeatures
 from elf_eval.spec import Spec
+from elf_runtime.results.quantization import restored
 
 from .method import Method
 
@@ -29,7 +30,7 @@ class Precomputed(Method):
 
     Options: ``frame=source`` (keypoints in pixels of the file, the default) or ``frame=working`` (in pixels of the
     resized image), and for npz ``suffix=.npz``.  A file without scores lists its strongest keypoints first; sizes and
-    angles are read under these names, as `elf_runtime.Features` saves them.
+    angles are read under these names, as `elf_runtime.Features` saves them, and its descriptors in 8 bits as floats.
     """
 
     cacheable = False
@@ -58,6 +59,8 @@ class Precomputed(Method):
         descriptors = data.get("descriptors")
         if descriptors is not None and self._is_h5:
             descriptors = descriptors.T
+        if descriptors is not None and "quantization" in data:
+            descriptors = restored(descriptors)
         try:
             return LocalFeatures.build(points, scores, descriptors, sizes, angles).first(limit)
         except (EvalError, ValueError) as error:

@@ -1,6 +1,6 @@
 """`ElfRuntime`: a model in, keypoints and descriptors out; `ElfFeature2D`: the same as one of OpenCV's detectors.
 
-May import every room but those above it: `checks`, `pictures`, `timing` and `commands`.
+May import every room but those above it: `checks`, `timing` and `commands`.
 """
 
 from __future__ import annotations

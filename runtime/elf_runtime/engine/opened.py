@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import groupby, islice
 from typing import Any
@@ -18,13 +19,15 @@ from elf_runtime.detection.detect import Seen, detect, nothing_found
 from elf_runtime.detection.upright import Sheet, UprightPatches
 from elf_runtime.detection.working_image import Levels, WorkingImage, nearest_level, prepare
 from elf_runtime.errors import ImageError, SettingError
-from elf_runtime.image.file import COLORS, ImageLike, check_pixels, image_errors, read
+from elf_runtime.image.file import COLORS, ImageLike, check_pixels, image_errors
 from elf_runtime.model.network import Network
 from elf_runtime.model.session import read_model
 from elf_runtime.params import DetectionParams
 from elf_runtime.presets import preset
 from elf_runtime.results.trace import Stopwatch, Trace
 from elf_runtime.values import is_int
+
+from .origin import Prepared, read_with_source, record_of
 
 
 class OpenedModel:
@@ -98,19 +101,27 @@ class OpenedModel:
         mask: npt.ArrayLike | None = None,
         place: str = "",
         watch: Stopwatch | None = None,
-    ) -> Levels:
+    ) -> Prepared:
         """Read the image and make it ready; `place` says which of a batch it is, for what is wrong with it."""
         watch = watch or Stopwatch()
         with watch("read"):
-            pixels = read(image, max_pixels=self._max_pixels, color=self._color)
+            pixels, source = read_with_source(image, self._max_pixels, self._color)
         with watch("prepare"), image_errors(image, place):
             check_pixels(pixels.shape, self._max_pixels)
-            return prepare(pixels, params, mask, self.contract, self._network.name)
+            return Prepared(prepare(pixels, params, mask, self.contract, self._network.name), source)
 
     def _traces(
-        self, group: Sequence[Levels], params: DetectionParams, spec: DescriptorSpec | None, watch: Stopwatch
+        self, group: Sequence[Prepared], params: DetectionParams, spec: DescriptorSpec | None, watch: Stopwatch
     ) -> Iterator[Trace]:
         """The detections of images of the same working sizes, which go through the network together."""
+        found = self._detections([image.levels for image in group], params, spec, watch)
+        for image, trace in zip(group, found, strict=True):
+            record = record_of(self._network, params, spec, image.source)
+            yield replace(trace, features=replace(trace.features, record=record))
+
+    def _detections(
+        self, group: Sequence[Levels], params: DetectionParams, spec: DescriptorSpec | None, watch: Stopwatch
+    ) -> Iterator[Trace]:
         textured = [levels for levels in group if levels[0].textured]
         mapped = None if params.oriented else spec
         with watch("session"):
@@ -170,13 +181,13 @@ class OpenedModel:
             raise ImageError(f"{len(all_masks)} masks for {len(batch)} images")
         pairs = enumerate(zip(batch, all_masks, strict=True))
         prepared = (self._prepare(image, params, mask, f"image {i} of the batch") for i, (image, mask) in pairs)
-        for _, same_size in groupby(prepared, key=lambda levels: [image.scaling.working for image in levels]):
+        for _, same_size in groupby(prepared, key=lambda one: [image.scaling.working for image in one.levels]):
             while group := list(islice(same_size, self.contract.input.batch or batch_size)):
                 yield from self._traces(group, params, spec, Stopwatch())
 
     def _saliency(self, image: ImageLike, params: DetectionParams) -> Array:
         """The saliency map of the finest working scale, at the size of the source image."""
-        (working,) = self._prepare(image, params.updated(scale=params.working_scales[0]))
+        (working,) = self._prepare(image, params.updated(scale=params.working_scales[0])).levels
         height, width = working.scaling.source
         if not working.textured:
             return np.zeros((height, width), np.float32)
@@ -188,7 +199,7 @@ class OpenedModel:
     def _described(self, image: ImageLike, points: Any, params: DetectionParams, spec: DescriptorSpec) -> Array:
         """Descriptors at points, each at its own working scale where there are several: see `ElfRuntime.describe`."""
         where = as_points(points)
-        levels = self._prepare(image, params)
+        levels = self._prepare(image, params).levels
         found = np.zeros((len(where), spec.dim), np.float32)
         level, angles = np.zeros(len(where), np.int64), np.full(len(where), -1.0)
         if len(where) and hasattr(points[0], "pt"):
@@ -212,10 +223,10 @@ class OpenedModel:
             raise SettingError(f"a size is (height, width) in pixels, not {size!r}")
         check_pixels(size, self._max_pixels)
         noise = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
-        levels, spec = self._prepare(noise, params), self.contract.descriptor()
-        for image in levels:
+        prepared, spec = self._prepare(noise, params), self.contract.descriptor()
+        for image in prepared.levels:
             mapped = None if params.oriented else spec
-            self._network.expect(image.scaling.working, mapped, levels=len(levels))
+            self._network.expect(image.scaling.working, mapped, levels=len(prepared.levels))
         if params.oriented and spec is not None:
             self._network.expect(Sheet.of(self.contract.input, spec).size, spec, saliency=False)
-        list(self._traces([levels], params, spec, Stopwatch()))
+        list(self._traces([prepared], params, spec, Stopwatch()))

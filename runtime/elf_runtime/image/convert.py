@@ -57,6 +57,19 @@ def to_pixels(image: npt.NDArray[Any], spec: InputSpec) -> Array:
     return np.asarray(pixels, np.float32)
 
 
+def checked(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The image as `to_pixels` takes it, without its alpha: (H, W) or (H, W, 3), of uint8, uint16 or floats in [0, 1].
+
+    Raises
+    ------
+    ImageError
+        As `to_pixels`.
+    """
+    image = _native(image)
+    image = image[:, :, :3] if image.ndim == 3 else image
+    return _within_one(image) if image.dtype.kind == "f" else image
+
+
 def _native(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """The image as (H, W), (H, W, 3) or (H, W, 4), of uint8, uint16 or floats in this machine's byte order."""
     if image.ndim == 3 and image.shape[2] == 1:

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from elf_runtime.results.features import Features
-from elf_runtime.results.trace import Trace
+from elf_runtime.image.file import ImageLike
 
 from .canvas import DARK, Color, Picture, circle, distinct_colors, line, side_by_side, strength_colors, titled
+from .source import pixels_of
+
+if TYPE_CHECKING:
+    from elf_runtime.results.features import Features
+    from elf_runtime.results.trace import Trace
 
 INLIER: Color = (90, 210, 60)
 OUTLIER: Color = (80, 80, 235)
@@ -49,7 +53,7 @@ def heatmap(values: npt.NDArray[np.floating]) -> Picture:
     return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_INFERNO), np.uint8)
 
 
-def draw_keypoints(image: npt.NDArray[Any], features: Features) -> Picture:
+def draw_keypoints(image: ImageLike, features: Features, color: str = "bgr") -> Picture:
     """The image, greyed and dimmed, with a ring on each keypoint, from weak (violet) to strong (yellow).
 
     Colours go by the keypoints' rank, so that they spread over the whole scale whatever the scores are.  Rings grow
@@ -57,16 +61,32 @@ def draw_keypoints(image: npt.NDArray[Any], features: Features) -> Picture:
 
     Parameters
     ----------
-    image : (H, W, ...) array of the size that the features came from
+    image : array or path, as `ElfRuntime.detect` takes it
+        The one that the features came from.
+    features : Features
+    color : "bgr" or "rgb"
+        The order of an array's channels.
+
+    Returns
+    -------
+    (H, W, 3) uint8
+        In BGR, as `cv2.imwrite` takes it, whatever `color` is.
+
+    Raises
+    ------
+    ImageError
+        On an image that `detect` would refuse, or of another size than that of the features.
+    SettingError
+        If `features` are none, or `color` is another.
     """
-    picture = _dimmed(displayable(image), 0.75)
+    picture = _dimmed(displayable(pixels_of(image, features, color)), 0.75)
     colors = strength_colors(len(features))
     unit = _unit(picture)
     radii = max(2.5, 4.0 * unit) * features.sizes / features.sizes.min(initial=np.inf)
     # The strongest last, on top.
-    for (x, y), radius, color in zip(features.keypoints[::-1], radii[::-1], colors[::-1], strict=True):
+    for (x, y), radius, rank in zip(features.keypoints[::-1], radii[::-1], colors[::-1], strict=True):
         circle(picture, x, y, radius, DARK, round(3 * unit))
-        circle(picture, x, y, radius, color, round(1.5 * unit))
+        circle(picture, x, y, radius, rank, round(1.5 * unit))
     return picture
 
 
@@ -95,19 +115,27 @@ def detection_picture(image: npt.NDArray[Any], trace: Trace, title: str = "") ->
     image : (H, W, ...) array
         The source image of `trace`.
     """
+    return detection_panels(*fitted(displayable(image)), trace, title)
+
+
+def detection_panels(view: Picture, factor: float, trace: Trace, title: str = "") -> Picture:
+    """`detection_picture` on a view of the source image at `factor` times its size."""
     features = trace.features
-    view, factor = _fitted(displayable(image))
     size = (view.shape[1], view.shape[0])
-    points = ((features.keypoints + 0.5) * factor - 0.5).astype(np.float32)
-    seen = replace(features, keypoints=points, image_size=view.shape[:2])
     heat = cv2.resize(heatmap(trace.saliency), size, interpolation=cv2.INTER_LINEAR)
     share = 100.0 * float(trace.mask.mean())
     panels = [
-        titled(draw_keypoints(view, seen), title, f"{len(features)} keypoints", legend=True),
+        titled(draw_scaled(view, factor, features), title, f"{len(features)} keypoints", legend=True),
         titled(heat, "saliency S = |F^T dF/dI|"),
         titled(draw_mask(view, trace.mask), f"threshold: {share:.1f} % pass"),
     ]
     return side_by_side(panels)
+
+
+def draw_scaled(view: Picture, factor: float, features: Features) -> Picture:
+    """`draw_keypoints` on the features' image at `factor` times its size."""
+    points = ((features.keypoints + 0.5) * factor - 0.5).astype(np.float32)
+    return draw_keypoints(view, replace(features, keypoints=points, image_size=view.shape[:2]))
 
 
 def match_picture(
@@ -130,7 +158,7 @@ def match_picture(
     """
     views, factors = [], []
     for image in images:
-        view, factor = _fitted(displayable(image))
+        view, factor = fitted(displayable(image))
         views.append(_dimmed(view, 0.7))
         factors.append(factor)
     panels = [titled(view, *title) for view, title in zip(views, titles, strict=True)]
@@ -160,11 +188,17 @@ def match_picture(
     return picture
 
 
-def _fitted(picture: Picture) -> tuple[Picture, float]:
-    """The picture, a large one shrunk until it fits a panel, a tiny one enlarged by a whole number, and the factor."""
-    longest = max(picture.shape[:2])
+def panel_size(height: int, width: int) -> tuple[tuple[int, int], float]:
+    """(height, width) of an image in its panel, a large one shrunk, a tiny one a whole multiple; and the factor."""
+    longest = max(height, width)
     factor = min(1.0, PANEL / longest) if longest * 2 > 400 else float(400 // longest)
-    size = (max(1, round(picture.shape[1] * factor)), max(1, round(picture.shape[0] * factor)))
+    return (max(1, round(height * factor)), max(1, round(width * factor))), factor
+
+
+def fitted(picture: Picture) -> tuple[Picture, float]:
+    """The picture as large as its panel, and the factor."""
+    (height, width), factor = panel_size(picture.shape[0], picture.shape[1])
+    size = (width, height)
     method = cv2.INTER_AREA if factor <= 1.0 else cv2.INTER_NEAREST
     return np.asarray(cv2.resize(picture, size, interpolation=method), np.uint8), factor
 

@@ -1,4 +1,4 @@
 """What detection gives: features, the trace that led to them, and matches.
 
-May import the settings, `files` and errors.
+May import `pictures`, `image`, the settings, `files` and errors.
 """

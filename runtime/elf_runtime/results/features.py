@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-import json
 import os
-import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
-from elf_runtime.errors import ElfError, reason
-from elf_runtime.files.kind import open_regular
+from elf_runtime.errors import ElfError, SettingError
 from elf_runtime.files.write import write_atomically
+from elf_runtime.image.masks import to_mask
+from elf_runtime.indices import rows_at
+from elf_runtime.pictures.notebook import features_png
+from elf_runtime.values import is_int
+
+from .files.npz import load_record as load_record
+from .files.npz import write_npz
+from .files.read import read_fields
+from .files.table import write_csv
+from .opencv import fields_of, keypoints_of
+from .quantization import quantized
 
 Array = npt.NDArray[np.float32]
 
@@ -33,7 +40,7 @@ class Features:
         Descending; ties in raster order, those of a finer scale first.  The denoised saliency, on a scale where 255 is
         the quantile of it that `DetectionParams.normalize` names (its maximum with the paper's settings).
     descriptors : (N, D) float32
-        Rows of unit L2 norm; D = 0 for a model without a descriptor.
+        Rows of unit L2 norm; D = 0 for a model without a descriptor.  uint8 where `quantized` made them so.
     image_size : (height, width)
         Of the source image, in pixels; of a file, turned as its EXIF orientation says (see `image.read`).
     nms_radius : float
@@ -43,15 +50,20 @@ class Features:
         times the finest working scale over its own.
     angles : (N,) float32
         Orientation in degrees from 0 to below 360, clockwise from the x axis in the image, as in OpenCV; -1 is none.
+    record : mapping, optional
+        Where they come from, as plain data.  `ElfRuntime` gives: image (the path) and image_sha256, if it was given a
+        path; model (its path, or "bundled") and model_sha256; network, layer and descriptor; settings, as
+        `DetectionParams.to_dict`; elf-onnx, the version.
     """
 
     keypoints: Array
     scores: Array
-    descriptors: Array
+    descriptors: npt.NDArray[Any]
     image_size: tuple[int, int]
     nms_radius: float = 10.0
     sizes: Array = None  # type: ignore[assignment]  # an array in any instance: by default all of the finest scale
     angles: Array = None  # type: ignore[assignment]  # by default all -1
+    record: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
         for name, default in (("sizes", self._finest), ("angles", -1.0)):
@@ -72,19 +84,70 @@ class Features:
     def __len__(self) -> int:
         return len(self.keypoints)
 
-    def to_cv2(self) -> tuple[list[Any], Array]:
+    def __getitem__(self, index: Any) -> Features:
+        """The features at `index`: an integer, a slice, a mask or an array of integers, as of a numpy array.
+
+        They are in the order of `index`; one that leaves the descending order of the scores is the caller's to mind.
+
+        Raises
+        ------
+        IndexError
+            On another index, or one that is out of range.
+        """
+        rows = rows_at(index, len(self))
+        columns = ("keypoints", "scores", "descriptors", "sizes", "angles")
+        return replace(self, **{name: getattr(self, name)[rows] for name in columns})
+
+    def strongest(self, count: int) -> Features:
+        """The `count` features of the highest scores, or all where there are fewer; scores descend.
+
+        Raises
+        ------
+        SettingError
+            If `count` is no integer from 0 on.
+        """
+        if not is_int(count) or count < 0:
+            raise SettingError(f"count is an integer >= 0, not {count!r}")
+        return self[np.argsort(-self.scores, kind="stable")[:count]]
+
+    def inside(self, mask: npt.ArrayLike) -> Features:
+        """The features where a mask of the image, (H, W) bool or integers, is not zero.
+
+        It is looked up at the pixel that x and y round to; features outside the image are at its edge.
+
+        Raises
+        ------
+        ImageError
+            If the mask is of another shape than `image_size`, or of floats.
+        """
+        height, width = self.image_size
+        allowed = to_mask(mask, (height, width))
+        columns, rows = np.clip(np.rint(self.keypoints), 0, (width - 1, height - 1)).astype(np.int64).T
+        return self[allowed[rows, columns]]
+
+    def quantized(self) -> Features:
+        """The same with descriptors in 8 bits, (N, D) uint8: a quarter of the memory.
+
+        q = round(128 + 192 x), cut to [0, 255]; the way back is (q - 128) / 192, brought to unit length.  Distances of
+        the bytes are 192 times those of the floats, up to rounding.  So `match`, `Matches` and `estimate` take such
+        features, also beside others, and ``cv2.BFMatcher(cv2.NORM_L2)`` takes the bytes.
+
+        Raises
+        ------
+        SettingError
+            If descriptors are not of unit length, as SIFT's.
+        """
+        if self.descriptors.dtype == np.uint8:
+            return self
+        return replace(self, descriptors=quantized(self.descriptors))
+
+    def to_cv2(self) -> tuple[list[Any], npt.NDArray[Any]]:
         """``(list of cv2.KeyPoint, descriptors)``, as OpenCV's ``detectAndCompute`` returns them.
 
         A keypoint has its ``size`` and ``angle``, the score as ``response``, and as ``octave`` how many times its
         working scale is half of the finest, rounded.
         """
-        octaves = np.rint(np.log2(self.sizes / self._finest)).astype(np.int64)
-        columns = (self.keypoints, self.sizes, self.angles, self.scores, octaves)
-        points = [
-            cv2.KeyPoint(x, y, size, angle, score, octave)
-            for (x, y), size, angle, score, octave in zip(*(column.tolist() for column in columns), strict=True)
-        ]
-        return points, self.descriptors
+        return keypoints_of(self, self._finest), self.descriptors
 
     @classmethod
     def from_cv2(
@@ -105,23 +168,15 @@ class Features:
         ElfError
             If there are not as many descriptors as keypoints, or they are bits (ORB's).
         """
-        rows = np.zeros((len(keypoints), 0), np.float32) if descriptors is None else np.asarray(descriptors)
-        if rows.ndim != 2 or len(rows) != len(keypoints) or rows.dtype.kind != "f":
-            raise ElfError(
-                f"descriptors of {len(keypoints)} keypoints are (N, D) floats, not {rows.shape} {rows.dtype}"
-            )
-        table = [(*point.pt, point.response, point.size, point.angle) for point in keypoints]
-        x, y, scores, sizes, angles = np.array(table, np.float32).reshape(-1, 5).T
-        order = np.argsort(-scores, kind="stable")
-        turned = np.where(angles < 0, np.float32(-1), np.mod(angles, np.float32(360)))
-        return cls(
-            np.stack([x, y], axis=1)[order], scores[order], rows.astype(np.float32)[order], image_size, nms_radius=0.0,
-            sizes=np.where(sizes > 0, sizes, np.float32(1))[order], angles=turned[order],
-        )  # fmt: skip
+        return cls(**fields_of(keypoints, descriptors), image_size=image_size, nms_radius=0.0)
 
     def __repr__(self) -> str:
         height, width = self.image_size
         return f"Features({len(self)} keypoints, descriptors of {self.descriptors.shape[1]}, image {width}x{height})"
+
+    def _repr_png_(self) -> bytes:
+        """In notebooks: the keypoints on their image if `record` names its file, else on a blank canvas."""
+        return features_png(self)
 
     def save(self, path: str | os.PathLike[str], record: Mapping[str, Any] | None = None) -> None:
         """Write a ``.npz`` of the attributes, or a ``.csv`` (x,y,score,size,angle).
@@ -129,68 +184,49 @@ class Features:
         Parameters
         ----------
         path : path
+            Its ending says which.  `elf_runtime.results.hloc` and `colmap` write these programs' files.
         record : mapping, optional
-            Where they come from, as plain data.  An ``.npz`` holds it as JSON, and `load_record` reads it.
+            In place of `self.record`.  An ``.npz`` holds it as JSON, and `load_record` reads it alone.
 
         Raises
         ------
         ElfError
-            On another ending.
+            On another ending, or a record that is not plain data.
         OSError
             If the file can't be written; what was there stays.
         """
         path = Path(path)
-        writers = {".npz": lambda part: self._write_npz(part, record), ".csv": self._write_csv}
-        if path.suffix not in writers:
-            raise ElfError(f"{path}: features are saved as .npz or .csv")
-        write_atomically(path, writers[path.suffix])
-
-    def _write_npz(self, path: Path, record: Mapping[str, Any] | None) -> None:
-        extra: dict[str, Any] = {} if record is None else {"record": json.dumps(record, sort_keys=True)}
-        np.savez_compressed(
-            path,
-            keypoints=self.keypoints,
-            scores=self.scores,
-            descriptors=self.descriptors,
-            image_size=np.asarray(self.image_size),
-            nms_radius=np.float64(self.nms_radius),
-            sizes=self.sizes,
-            angles=self.angles,
-            **extra,
-        )
-
-    def _write_csv(self, path: Path) -> None:
-        table = np.column_stack([self.keypoints, self.scores, self.sizes, self.angles])
-        np.savetxt(path, table, delimiter=",", header="x,y,score,size,angle", comments="", fmt="%.3f")
+        write = {".npz": write_npz, ".csv": write_csv}.get(path.suffix)
+        if write is None:
+            raise ElfError(f"{path}: features are saved as .npz or .csv, and by elf_runtime.results.hloc as .h5")
+        fields = {**vars(self), "record": self.record if record is None else record}
+        write_atomically(path, lambda part: write(part, fields))
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Features:
-        """Read a ``.npz`` that `save` wrote.  One without nms_radius, sizes or angles has the defaults.
+    def load(cls, path: str | os.PathLike[str], image_size: tuple[int, int] | None = None) -> Features:
+        """Read a ``.npz`` or a ``.csv`` that `save` wrote.
+
+        Parameters
+        ----------
+        path : path
+        image_size : (height, width), optional
+            A ``.csv`` does not have it, and needs it here.  Such features have no descriptors.
+
+        Returns
+        -------
+        Features
+            What the file leaves out, nms_radius, sizes, angles or record, has its default; of a ``.csv``, nms_radius is
+            that of the smallest size.
 
         Raises
         ------
         ElfError
-            If the file is missing, is not such a file, or its arrays do not fit together.
+            If the file is missing, is not such a file, or its values do not fit together; if `image_size` is missing
+            where it is needed, or is another than the file's.
         """
+        fields = read_fields(path, image_size)
         try:
-            with open_regular(path) as file:  # numpy would leave it open where it is damaged
-                if not zipfile.is_zipfile(file):
-                    raise TypeError("it is no .npz archive")
-                file.seek(0)
-                data = np.load(file, allow_pickle=False)
-                height, width = (int(side) for side in data["image_size"])
-                radius = float(data["nms_radius"]) if "nms_radius" in data else cls.nms_radius
-                points, scores, rows = (_floats(data, name) for name in ("keypoints", "scores", "descriptors"))
-                more = {name: _floats(data, name) for name in ("sizes", "angles") if name in data}
-        except Exception as error:  # what numpy, zipfile and zlib raise on a damaged file has no common base
-            raise ElfError(f"{path}: not a feature file: {reason(error)}") from error
-        shapes = (points.shape, scores.shape, rows.shape)
-        if rows.ndim != 2 or points.shape != (len(rows), 2) or scores.shape != (len(rows),):
-            raise ElfError(f"{path}: keypoints, scores and descriptors have shapes {shapes}, not (N, 2), (N,), (N, D)")
-        if min(height, width) < 1 or not radius >= 0:
-            raise ElfError(f"{path}: image_size is {height, width} and nms_radius {radius:g}")
-        try:
-            return cls(points, scores, rows, (height, width), radius, **more)
+            return cls(**fields)
         except ElfError as error:
             raise ElfError(f"{path}: {error}") from error
 
@@ -198,20 +234,3 @@ class Features:
 def window_size(nms_radius: float, image_size: tuple[int, int]) -> float:
     """Side of the suppression window in source pixels, which is the size of a keypoint of the finest working scale."""
     return float(2 * min(nms_radius, max(image_size)) + 1)
-
-
-def load_record(path: str | os.PathLike[str]) -> dict[str, Any] | None:
-    """The record that `Features.save` put into a ``.npz``; None where there is no such file or record."""
-    try:
-        with open_regular(path) as file, np.load(file, allow_pickle=False) as data:
-            record = json.loads(str(data["record"]))
-    except Exception:  # what numpy, zipfile and zlib raise on another file has no common base
-        return None
-    return record if isinstance(record, dict) else None
-
-
-def _floats(data: Mapping[str, npt.NDArray[Any]], name: str) -> Array:
-    array = data[name]
-    if array.dtype.kind != "f":
-        raise TypeError(f"{name} is of {array.dtype}, not float32")
-    return array.astype(np.float32, copy=False)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_runtime.errors import SettingError
+from elf_runtime.indices import rows_at
 
 from .features import Array, Features
 from .matching import mutual_nearest
@@ -71,7 +72,7 @@ class Matches:
 
     def __getitem__(self, index: Any) -> Matches:
         """The matches at `index`: an integer, a slice, a mask or an array of integers, as of a numpy array."""
-        chosen = np.atleast_1d(np.arange(len(self))[index])
+        chosen = rows_at(index, len(self))
         return Matches(self.indices[chosen], self.similarity[chosen], self.ratio[chosen])
 
     def points(self, first: Features, second: Features) -> tuple[Array, Array]:

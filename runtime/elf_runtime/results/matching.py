@@ -9,6 +9,7 @@ from elf_runtime.errors import SettingError
 from elf_runtime.values import is_number
 
 from .features import Features
+from .quantization import restored
 
 Rows = npt.NDArray[np.floating]
 Index = npt.NDArray[np.int64]
@@ -86,8 +87,10 @@ def mutual_nearest(
 def _rows(side: Features | npt.ArrayLike, name: str) -> Rows:
     """The descriptors of one side of a match, (N, D), all finite."""
     kind = f"the {name} side is Features or an (N, D) array of descriptors"
+    if isinstance(side, Features):
+        side = restored(side.descriptors) if side.descriptors.dtype == np.uint8 else side.descriptors
     try:
-        rows = np.asarray(side.descriptors if isinstance(side, Features) else side)
+        rows = np.asarray(side)
     except (TypeError, ValueError) as error:
         raise SettingError(f"{kind}: {error}") from error
     if rows.dtype.kind not in "fiu":
@@ -95,7 +98,7 @@ def _rows(side: Features | npt.ArrayLike, name: str) -> Rows:
     if rows.dtype == np.uint8:
         raise SettingError(
             f"the {name} side is of uint8: bits, as ORB's, are compared by cv2.BFMatcher(cv2.NORM_HAMMING); if they "
-            "are numbers, pass them as float32"
+            "are numbers, pass them as float32, and those of Features.quantized as Features"
         )
     if rows.ndim != 2:
         raise SettingError(f"{kind}, not of shape {rows.shape}: it can't be compared")

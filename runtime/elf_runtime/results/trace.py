@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from elf_runtime.pictures.notebook import trace_png
+
 from .features import Array, Features
 
 
@@ -71,6 +73,10 @@ class Trace:
         (h, w), share = self.saliency.shape, float(self.mask.mean()) if self.mask.size else 0.0
         time = f"{1e3 * sum(self.seconds.values()):.1f} ms"
         return f"Trace({self.features!r}, saliency {w}x{h}, {share:.1%} passed, {time})"
+
+    def _repr_png_(self) -> bytes:
+        """In notebooks: keypoints, saliency and threshold side by side; the image as by `Features`."""
+        return trace_png(self)
 
 
 class Stopwatch:

@@ -10,6 +10,7 @@ import pytest
 from elf_eval.data.images import ImageRef
 from elf_eval.errors import EvalError
 from elf_eval.methods import open_method, open_methods
+from elf_runtime import Features
 
 
 def write_npz(folder, name, points, **more):
@@ -47,6 +48,17 @@ def test_precomputed_sizes_and_angles_follow_their_keypoints(photo_file, tmp_pat
         found = open_method(f"npz:{tmp_path}?frame={frame}").extract(half, 5)
         assert found.sizes.tolist() == pytest.approx(sizes)
         assert found.angles.tolist() == [90, -1]
+
+
+def test_precomputed_descriptors_in_8_bits_are_no_bits(image, tmp_path):
+    points, rows = np.float32([[10, 20], [30, 40]]), np.random.default_rng(0).standard_normal((2, 64))
+    rows = np.float32(rows / np.linalg.norm(rows, axis=1, keepdims=True))
+    features = Features(points, np.float32([2, 1]), rows, image.pixels.shape[:2])
+    (tmp_path / image.name).parent.mkdir(exist_ok=True)
+    features.quantized().save(tmp_path / f"{image.name}.npz")
+    found = open_method(f"npz:{tmp_path}").extract(image, 5)
+    assert found.descriptors.dtype == np.float32
+    np.testing.assert_allclose(found.descriptors, rows, rtol=0, atol=0.01)
 
 
 def test_precomputed_h5_in_hlocs_style(image, tmp_path):

@@ -140,7 +140,7 @@ def test_elf_info_compares_on_the_given_image(
 def test_options_reach_the_provider(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(TINY), "--provider", "cpu", "--option", "use_arena=0"]) == 0
     assert main([str(TINY), "--option", "use_arena=0"]) == 2
-    assert "--option is for the provider that --provider names" in capsys.readouterr().err
+    assert "--provider-option is for the provider that --provider names" in capsys.readouterr().err
     assert main([str(TINY), "--provider", "cpu", "--option", "fast"]) == 2
     assert "--option takes KEY=VALUE, not 'fast'" in capsys.readouterr().err
 

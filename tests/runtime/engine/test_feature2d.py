@@ -135,3 +135,20 @@ def test_what_sift_finds_as_features() -> None:
     keypoints, bits = cv2.ORB_create(20).detectAndCompute(PALACE, None)
     with pytest.raises(ElfError, match=r"of 20 keypoints are \(N, D\) floats, not \(20, 32\) uint8"):
         Features.from_cv2(keypoints, bits, PALACE.shape[:2])
+
+
+def test_descriptors_of_bytes(elf: ElfRuntime, detector: ElfFeature2D) -> None:
+    small = ElfFeature2D(elf, max_keypoints=200, descriptor_type="uint8")
+    assert (small.descriptorType(), detector.descriptorType()) == (cv2.CV_8U, cv2.CV_32F)
+    assert small.defaultNorm() == cv2.NORM_L2
+    keypoints, rows = small.detectAndCompute(PALACE, None)
+    np.testing.assert_array_equal(rows, elf.detect(PALACE, max_keypoints=200).quantized().descriptors)
+    _, again = small.compute(PALACE, keypoints)
+    assert again.dtype == np.uint8
+    assert np.abs(again.astype(int) - rows).max() <= 1
+    flat = np.zeros((64, 64), np.uint8)
+    assert small.detectAndCompute(flat, None) == ((), None)
+    matcher = cv2.BFMatcher(small.defaultNorm(), crossCheck=True)
+    assert all(match.queryIdx == match.trainIdx for match in matcher.match(rows, again))
+    with pytest.raises(SettingError, match="descriptor_type is 'float32' or 'uint8', not 'float16'"):
+        ElfFeature2D(elf, descriptor_type="float16")

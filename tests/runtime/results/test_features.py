@@ -181,7 +181,7 @@ def test_no_part_is_left_where_writing_fails(
         path.write_bytes(b"half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(np, "savez_compressed", full)
+    monkeypatch.setattr(np, "savez", full)
     monkeypatch.setattr(np, "savetxt", full)
     with pytest.raises(OSError, match=f"No space left on device: '.*old.{ending}'"):
         features.save(old)

@@ -34,7 +34,7 @@ def test_sizes_and_angles_come_back(tmp_path: Path) -> None:
         assert [point.angle for point in points] == [-1, 0, 359.5]
         assert [point.octave for point in points] == [0, 1, 2]
     found.save(tmp_path / "f.csv")
-    assert (tmp_path / "f.csv").read_text().splitlines()[3] == "1.000,1.000,1.000,52.000,359.500"
+    assert (tmp_path / "f.csv").read_text().splitlines()[3] == "1.000,1.000,1,52.000,359.500"
 
 
 def test_a_file_without_sizes_and_angles(tmp_path: Path) -> None:

@@ -1,0 +1,43 @@
+"""Features as OpenCV has them: `cv2.KeyPoint` and an array of descriptors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from elf_runtime.errors import ElfError
+
+if TYPE_CHECKING:
+    from .features import Features
+
+
+def keypoints_of(features: Features, finest: float) -> list[Any]:
+    """The features as cv2.KeyPoint; `finest` is the size of those of the finest working scale, in pixels."""
+    octaves = np.rint(np.log2(features.sizes / finest)).astype(np.int64)
+    columns = (features.keypoints, features.sizes, features.angles, features.scores, octaves)
+    return [
+        cv2.KeyPoint(x, y, size, angle, score, octave)
+        for (x, y), size, angle, score, octave in zip(*(column.tolist() for column in columns), strict=True)
+    ]
+
+
+def fields_of(keypoints: Sequence[Any], descriptors: npt.ArrayLike | None) -> dict[str, Any]:
+    """The fields of `Features` that cv2.KeyPoint and descriptors give, by name: see `Features.from_cv2`."""
+    rows = np.zeros((len(keypoints), 0), np.float32) if descriptors is None else np.asarray(descriptors)
+    if rows.ndim != 2 or len(rows) != len(keypoints) or rows.dtype.kind != "f":
+        raise ElfError(f"descriptors of {len(keypoints)} keypoints are (N, D) floats, not {rows.shape} {rows.dtype}")
+    table = [(*point.pt, point.response, point.size, point.angle) for point in keypoints]
+    x, y, scores, sizes, angles = np.array(table, np.float32).reshape(-1, 5).T
+    order = np.argsort(-scores, kind="stable")
+    turned = np.where(angles < 0, np.float32(-1), np.mod(angles, np.float32(360)))
+    return {
+        "keypoints": np.stack([x, y], axis=1)[order],
+        "scores": scores[order],
+        "descriptors": rows.astype(np.float32)[order],
+        "sizes": np.where(sizes > 0, sizes, np.float32(1))[order],
+        "angles": turned[order],
+    }
