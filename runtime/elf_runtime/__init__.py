@@ -19,6 +19,7 @@ from .model.ort_format import to_ort
 from .params import DetectionParams
 from .presets import PRESETS, preset
 from .results.features import Features
+from .results.global_descriptor import global_descriptor
 from .results.matches import Matches
 from .results.matching import match
 from .results.trace import Level, Trace
@@ -46,6 +47,7 @@ __all__ = [
     "TwoView",
     "WeightsSpec",
     "estimate",
+    "global_descriptor",
     "match",
     "preset",
     "refine",
