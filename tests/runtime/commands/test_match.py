@@ -76,7 +76,7 @@ def test_the_inlier_distance_reaches_the_fit(
         given.append((arguments[2], arguments[3].threshold))
         return fit(*arguments)
 
-    monkeypatch.setattr("elf_runtime.commands.match.fit", spy)
+    monkeypatch.setattr("elf_runtime.commands.match_run.fit", spy)
     for more, wanted in (((), 3.0), (("--ransac-threshold", 0.5), 0.5)):
         assert match(*pair, "-o", tmp_path / "m.png", "--ransac", "homography", *more) == 0
         assert given.pop() == ("homography", wanted)
