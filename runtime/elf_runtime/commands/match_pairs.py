@@ -13,7 +13,7 @@ from elf_runtime.errors import reason
 from elf_runtime.files.kind import open_regular
 
 from .command import UsageError
-from .inputs import image_files
+from .inputs import image_files, is_written
 
 FEATURE_SUFFIX = ".npz"
 Pairs = list[tuple[int, int]]
@@ -204,6 +204,6 @@ def _listed(name: str, folder: Path, where: str) -> Path:
         raise UsageError(f"{where}: {name} is not below the folder {folder}")
     # elf-detect writes the features of photos/1.jpg to photos/1.npz, or to photos/1.jpg.npz.
     for candidate in (path, path.with_suffix(FEATURE_SUFFIX), Path(f"{path}{FEATURE_SUFFIX}")):
-        if candidate.is_file():
+        if candidate.is_file() and not is_written(candidate):
             return folder / candidate.relative_to(os.path.normpath(folder))
     raise UsageError(f"{where}: there is no {name} in the folder {folder}")
