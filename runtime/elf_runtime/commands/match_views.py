@@ -208,9 +208,9 @@ class Views:
             return []
         places = list(pooled)
         order = nearest(np.stack(list(pooled.values())), count)
-        chosen = {(i, places[j]) for i, near in zip(places, order, strict=True) for j in near if not query or i == 0}
         if query:
             return [(0, places[j]) for j in order[0]]
+        chosen = [(i, places[j]) for i, near in zip(places, order, strict=True) for j in near]
         return sorted({(min(pair), max(pair)) for pair in chosen})
 
     def _agreed(self) -> dict[str, Any]:
