@@ -12,7 +12,20 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from .errors import SettingError
-from .values import MOST_SCALES, WIDEST_BLUR, Blur, Checked, blur, boolean, grid, integer, number, scales, word
+from .values import (
+    MOST_SCALES,
+    WIDEST_BLUR,
+    Blur,
+    Checked,
+    blur,
+    boolean,
+    grid,
+    integer,
+    number,
+    positive,
+    scales,
+    word,
+)
 
 
 @dataclass(frozen=True)
@@ -58,6 +71,9 @@ class DetectionParams:
         Several working scales, at most 5, in place of `scale`: keypoints are sought at each, as if it were the only
         one, and a keypoint suppresses weaker ones of the other scales too.  Each scale has a share of `max_keypoints`
         in proportion to it; what it can't fill goes to the strongest left over.  "none", the empty tuple, is `scale`.
+    max_side : "none" or int
+        Longest side of the working image, in pixels: where an image is larger at `scale`, or at the largest of
+        `scales`, it is seen at smaller ones, all by the same factor.  Time and memory of the network end there.
     oriented : bool
         Give each keypoint an orientation, and describe what is around it turned upright by that: for images that are
         turned in their plane.  The network then looks at a patch for each keypoint (see `upright`), which takes most of
@@ -87,6 +103,7 @@ class DetectionParams:
     scales: tuple[float, ...] = ()
     suppression: str = "greedy"
     oriented: bool = False
+    max_side: str | int = "none"
 
     def __post_init__(self) -> None:
         for name in _RULES:
@@ -96,6 +113,13 @@ class DetectionParams:
     def working_scales(self) -> tuple[float, ...]:
         """The working scales in use, the finest first."""
         return self.scales[::-1] or (self.scale,)
+
+    def scales_for(self, size: tuple[int, int]) -> tuple[float, ...]:
+        """`working_scales` for an image of (height, width), all smaller where `max_side` asks for it."""
+        if isinstance(self.max_side, str):
+            return self.working_scales
+        factor = self.max_side / (self.working_scales[0] * max(size))
+        return tuple(scale * min(1.0, factor) for scale in self.working_scales)
 
     def updated(self, /, **changes: Any) -> DetectionParams:
         """A copy with the settings that are not None replaced; a new `scale` without `scales` is the only one.
@@ -209,6 +233,7 @@ _RULES: Mapping[str, tuple[str, Checked]] = {
     "grid": ("(rows, columns), integers >= 1", grid),
     "oriented": _FLAG,
     "scales": (f"'none' or up to {MOST_SCALES} different numbers in (0, 8]", scales),
+    "max_side": ("'none' or an integer >= 1", word(("none",), positive)),
     "suppression": ("'greedy' or 'maxima'", word(("greedy", "maxima"), lambda _: None)),
 }
 SETTINGS: tuple[str, ...] = tuple(_RULES)

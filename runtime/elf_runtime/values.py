@@ -30,6 +30,10 @@ def integer(value: Any) -> int | None:
     return int(value) if is_int(value) and value >= 0 else None
 
 
+def positive(value: Any) -> int | None:
+    return int(value) if is_int(value) and value >= 1 else None
+
+
 def number(most: float, above: float = -1.0) -> Checked:
     """Numbers from 0 to `most`, above `above`."""
     return lambda value: float(value) if is_number(value) and 0.0 <= value <= most and value > above else None

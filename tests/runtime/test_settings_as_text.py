@@ -25,6 +25,7 @@ VALUES = {
     "oriented": [True],
     "scales": [(0.9,), (0.225, 0.45, 0.9), (1 / 3, 1, 1.5, 2, 8)],
     "suppression": ["maxima"],
+    "max_side": [1, 640],
 }
 
 

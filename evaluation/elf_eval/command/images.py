@@ -7,7 +7,7 @@ from pathlib import Path
 
 from elf_eval.data import open_dataset
 from elf_eval.protocol import Protocol
-from elf_runtime.commands.outputs import write_picture
+from elf_runtime.pictures.file import write_picture
 
 from .options import Subcommands, image_size, protocol
 from .outputs import check_folder

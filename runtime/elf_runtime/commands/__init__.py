@@ -1,5 +1,5 @@
 """The runtime's commands, a file each: detect, match, info and bench; the other files are what they share.
 
 May import every other room.  elf_export and elf_eval import `command` (parser, exit status, errors), the types of
-options in `options`, and `write_picture` of `outputs`.
+options in `options`.
 """

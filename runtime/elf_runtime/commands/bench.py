@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ import cv2
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.image import read
 from elf_runtime.params import setting_text
+from elf_runtime.pictures.file import write_picture
 from elf_runtime.pictures.render import displayable
 from elf_runtime.presets import PRESETS
 from elf_runtime.timing.environment import environment, usable_cores
@@ -25,7 +25,8 @@ from .bench_sizes import SizeRun, time_in_turn
 from .bench_table import table
 from .bench_workloads import PEERS, Image, float_model, ours, peers, saliencies, synthetic, torch_peer
 from .command import UsageError
-from .outputs import check_outputs, write_picture
+from .cores import opencv_threads
+from .outputs import check_outputs
 from .terminal import say
 
 DESCRIPTION = """\
@@ -130,7 +131,7 @@ def _work(args: argparse.Namespace) -> int:
         "peers": {},
     }
     torch_saliency, twin = None, None
-    with _opencv_threads(args.threads), tempfile.TemporaryDirectory() as folder:
+    with opencv_threads(args.threads), tempfile.TemporaryDirectory() as folder:
         if "torch" in wanted:
             torch_saliency, twin, report["peers"]["torch"] = _torch(args)
         runs: list[SizeRun] = []
@@ -168,16 +169,6 @@ def _peer_names(text: str | None) -> list[str]:
         if name not in PEERS:
             raise UsageError(f"--peers: unknown peer {name!r}; known are {', '.join(PEERS)}, or none")
     return names
-
-
-@contextlib.contextmanager
-def _opencv_threads(count: int) -> Iterator[None]:
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(count)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
 
 
 def _open(model: str | None, args: argparse.Namespace) -> ElfRuntime:

@@ -89,6 +89,7 @@ def run(
         set_level = getattr(getattr(cv2.utils, "logging", cv2), "setLogLevel", None)
         if set_level is not None:
             set_level(0)
+        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     words = sys.argv[1:] if argv is None else list(argv)
     parser.as_json = _asks_for_json(parser, words)
     args = parser.parse_args(words)

@@ -1,228 +1,192 @@
-"""elf-detect: keypoints and descriptors of images, as files and a picture."""
+"""elf-detect: keypoints and descriptors of images, videos and cameras, as files and pictures."""
 
 from __future__ import annotations
 
 import argparse
 import hashlib
 import json
-import os
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, nullcontext
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
-import elf_runtime
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.errors import ElfError, printable
-from elf_runtime.image.file import ImageFile
-from elf_runtime.pictures.render import detection_picture
-from elf_runtime.results.features import load_record
+from elf_runtime.errors import printable
+from elf_runtime.extraction.extractor import Extractor
+from elf_runtime.extraction.frames import Clip, Frame, Still
+from elf_runtime.extraction.overlap import overlapped
+from elf_runtime.extraction.room import LARGE, memory_needed
+from elf_runtime.image.video import VIDEO_SUFFIXES
 
 from . import command, options
-from .inputs import check_pictures, image_files
-from .outputs import check_outputs, short_name, write_picture
-from .terminal import say
+from .command import UsageError
+from .cores import opencv_threads, shared_cores
+from .detect_options import build_parser
+from .inputs import check_pictures, image_files, video_files
+from .outputs import check_outputs
+from .progress import Progress
 
-DESCRIPTION = """\
-Detect ELF keypoints in images and describe them.
-
-For every image photos/NAME.jpg, DIR gets
-  photos/NAME.npz   keypoints (N, 2) as x, y in pixels, scores (N,), descriptors (N, D), image_size (height, width),
-                    nms_radius, sizes (N,), angles (N,), and a record of image, model and settings
-  photos/NAME.csv   x,y,score,size,angle
-  photos/NAME.png   a picture: keypoints, saliency and threshold side by side
-Where a folder has NAME.png too, they are called NAME.jpg.npz and so on.
-DIR mirrors the images' folders as they are given; of absolute paths what is below the folder given, or --base.
-Results of another image are never overwritten.
-Pixel centres are at whole numbers, (0, 0) is the centre of the top left pixel, as in OpenCV.
-An image is turned as its EXIF orientation says, and so are its keypoints; --ignore-exif takes it as it is stored."""
-
-EPILOG = """\
-examples:
-  elf-detect photo.jpg -o out/
-  elf-detect photos/ 'more/*.png' -o out/ --max-keypoints 1000 --scale 0.5 --skip-existing
-  elf-detect /data/sequence -o out/ --base /data/sequence --grid 4x6 --no-picture
-  elf-detect photos/ --recursive -o out/ --ignore-exif --set normalize=0.95
-  elf-detect photo.jpg -o out/ --preset paper --mask roi.png --json -
-
-exit status: 0 if every image was done, 1 if some could not be, 2 on a wrong command line"""
-
-
-def build_parser() -> command.Parser:
-    parser = command.new_parser("elf-detect", DESCRIPTION, EPILOG)
-    parser.add_argument("images", nargs="+", metavar="IMAGE", help="image file, folder of images, or pattern")
-    parser.add_argument(
-        "-r", "--recursive", action="store_true", help="of folders, take the images in their subfolders too"
-    )
-    parser.add_argument(
-        "-o",
-        "--output",
-        required=True,
-        type=Path,
-        metavar="DIR",
-        help="folder of the results, made where it is missing; with pictures, none that images are taken from",
-    )
-    parser.add_argument(
-        "--base", type=Path, metavar="FOLDER", help="mirror in DIR what is below this folder of the images' paths"
-    )
-    parser.add_argument(
-        "--skip-existing", action="store_true",
-        help="leave out images whose results are there, of the same pixels, model and settings",
-    )  # fmt: skip
-    parser.add_argument(
-        "--overwrite", action="store_true", help="replace what is there even if it is not this image's result"
-    )
-    parser.add_argument(
-        "--mask",
-        metavar="FILE",
-        help="image of the same size: keypoints only where it is not black, and away from its edge (see mask_border)",
-    )
-    parser.add_argument("--no-picture", action="store_true", help="write no NAME.png")
-    parser.add_argument("--json", metavar="FILE", help="write a summary of the run; - is standard output")
-    options.add_image_options(parser)
-    options.add_detection_options(parser)
-    options.add_model_options(parser)
-    return parser
+GOES_ON = "what is done stays, and --skip-existing goes on from there"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    return command.run(build_parser(), _work, argv)
+    return command.run(build_parser(), _work, argv, GOES_ON)
 
 
 def _work(args: argparse.Namespace) -> int:
-    stems = {path: args.output / name for path, name in image_files(args.images, args.recursive, args.base).items()}
-    paths = list(stems)
+    stills, clips = _inputs(args)
+    counts = [1] * len(stills) + [clip.count() for clip in clips]
+    total = None if None in counts else sum(count or 0 for count in counts)
+    endings = ["npz", "csv"]
+    if args.picture or (args.picture is None and total == 1 and stills):
+        endings.append("png")
+    _check(args, stills, endings)
+    elf, workers = _opened(args, stills, total)
+    extract = _extractor(elf, args, endings)
+    # The summary alone goes to standard output where it is asked for there.
+    to_stdout = "-" in (args.json, args.jsonl)
+    progress = Progress("elf-detect", "image", total, sys.stderr if to_stdout else sys.stdout, args.quiet)
+    run = _Run(args, extract, progress)
+    frames: Iterator[Frame] = chain(stills, *(clip.frames() for clip in clips))
+    with ExitStack() as stack:
+        stack.callback(progress.close)
+        stack.enter_context(opencv_threads(1 if workers > 1 else None))
+        lines = stack.enter_context(_lines(args.jsonl)) if args.jsonl else None
+        for _, result in overlapped(extract, frames, workers, alone=lambda frame: frame.stem):
+            run.take(result, lines)
+    run.finish(elf)
+    return command.FAILED if run.failed else 0
+
+
+def _inputs(args: argparse.Namespace) -> tuple[list[Still], list[Clip]]:
+    """The image files and the videos that the command line names, each with the place of its results."""
+    videos = [word for word in args.images if Path(word).suffix.lower() in VIDEO_SUFFIXES and not Path(word).is_dir()]
+    words = [word for word in args.images if word not in videos]
+    if not args.images and args.camera is None:
+        raise UsageError("nothing to detect in: give images, folders, patterns or videos, or --camera 0")
+    if not videos and args.camera is None and (args.every != 1 or args.limit is not None):
+        raise UsageError("--every and --limit are for videos and --camera")
+    found = image_files(words, args.recursive, args.base) if words else {}
+    stills = [Still(path, args.output / name) for path, name in found.items()]
+    wanted = {"every": args.every, "limit": args.limit, "ignore_exif": args.ignore_exif, "max_pixels": args.max_pixels}
+    clips = [Clip(path, args.output / name, **wanted) for path, name in video_files(videos, args.base).items()]
+    if args.camera is not None:
+        clips.append(Clip(args.camera, args.output / f"camera{args.camera}", **wanted))
+    return stills, clips
+
+
+def _opened(args: argparse.Namespace, stills: Sequence[Still], total: int | None) -> tuple[ElfRuntime, int]:
+    """The model, and how many images there are to be at once; the cores are shared by the first image's size."""
+    given = args.threads
+    workers, args.threads = shared_cores(args.workers, given, total)
+    elf = options.open_runtime(args)
+    size = stills[0].size() if stills and workers > 1 else None
+    if size is not None and memory_needed(size, options.params(elf, args)) > LARGE:
+        workers, args.threads = shared_cores(args.workers, given, total, large=True)
+        elf = options.open_runtime(args)
+    return elf, workers
+
+
+def _check(args: argparse.Namespace, stills: Sequence[Still], endings: Sequence[str]) -> None:
+    """Refuse outputs that can't be written, or that cost another file, before any work."""
+    if args.json == args.jsonl == "-":
+        raise UsageError("--json - and --jsonl - can't both have standard output")
     # Two images of one name: the second finds the first's results there.
-    written = [Path(f"{stem}.{ending}") for stem in dict.fromkeys(stems.values()) for ending in _endings(args)]
+    written = [Path(f"{stem}.{ending}") for stem in dict.fromkeys(s.stem for s in stills) for ending in endings]
+    paths: list[str | Path | None] = [still.path for still in stills]
     check_outputs(
-        {"-o": written, "--json": [args.json]},
-        {"an input image": paths, "the mask": [args.mask], "the model": [args.model]},
+        {"-o": written, "--json": [args.json], "--jsonl": [args.jsonl]},
+        {"an input image": [*paths, *args.images], "the mask": [args.mask], "the model": [args.model]},
         made=args.output,
     )
-    if not args.no_picture:
-        check_pictures(args.images, paths, args.output, args.recursive)
-    elf = options.open_runtime(args)
-    run = _Run(elf, args, _read_mask(args.mask, args) if args.mask else None)
-    # The summary alone goes to standard output where it is asked for there.
-    progress = sys.stderr if args.json == "-" else sys.stdout
-    results = []
-    for path, stem in stems.items():
-        try:
-            result = run.detect(path, stem)
-        except (ElfError, OSError) as error:
-            text = str(error) if str(error).startswith(printable(f"{path}:")) else f"{path}: {error}"
-            command.report("elf-detect", text)
-            results.append({"image": str(path), "error": text})
-            continue
-        results.append(result)
-        say(_line(result), progress)
-    if args.json:
-        images = [{k: v for k, v in result.items() if k != "fewer"} for result in results]
-        command.write_json(args.json, {**options.origin(elf, args), "images": images})
-    return command.FAILED if any("error" in result for result in results) else 0
+    if "png" in endings:
+        check_pictures(args.images, [still.path for still in stills], args.output, args.recursive)
 
 
-def _line(result: Mapping[str, Any]) -> str:
-    """What is said of an image that is done."""
-    first, *others = result["files"]
-    files = ", ".join([first, *(Path(file).suffix for file in others)])
-    if result["skipped"]:
-        return printable(f"{result['image']}: skipped, {files} are of these pixels, model and settings")
-    height, width = result["size"]
-    count = f"{result['keypoints']} keypoints{result['fewer']}"
-    return printable(f"{result['image']}: {count}, {width}x{height}, {result['seconds']:.2f} s -> {files}")
+def _extractor(elf: ElfRuntime, args: argparse.Namespace, endings: Sequence[str]) -> Extractor:
+    mask = _read_mask(args.mask, args) if args.mask else None
+    origin = options.origin(elf, args)
+    kept = ("model_sha256", "network", "layer", "descriptor", "settings")
+    record = {name: origin[name] for name in kept} | {"ignore_exif": args.ignore_exif}
+    if mask is not None:
+        record["mask_sha256"] = hashlib.sha256(np.packbits(mask).tobytes()).hexdigest()
+    return Extractor(
+        elf, options.params(elf, args), args.descriptor, mask, endings, record,
+        ignore_exif=args.ignore_exif, max_pixels=args.max_pixels,
+        skip_existing=args.skip_existing, overwrite=args.overwrite,
+    )  # fmt: skip
 
 
 class _Run:
-    """Images with one model and one set of options."""
+    """What became of the images, as it is reported."""
 
-    def __init__(self, elf: ElfRuntime, args: argparse.Namespace, mask: Any) -> None:
-        self._elf, self._args, self._mask = elf, args, mask
-        self._written: dict[str, str] = {}  # results -> image
-        self._params = options.params(elf, args)
+    def __init__(self, args: argparse.Namespace, extract: Extractor, progress: Progress) -> None:
+        self._args, self._extract, self._progress = args, extract, progress
+        self._start = time.perf_counter()
         self._asked = args.max_keypoints is not None or "max_keypoints" in dict(args.set)
-        origin = options.origin(elf, args)
-        kept = ("model_sha256", "network", "layer", "descriptor", "settings")
-        self._record = {name: origin[name] for name in kept} | {"ignore_exif": args.ignore_exif}
-        if mask is not None:
-            self._record["mask_sha256"] = hashlib.sha256(np.packbits(mask).tobytes()).hexdigest()
+        self._images: list[Mapping[str, Any]] = []  # for --json only: a long run is not kept in memory
+        self.failed: list[str] = []
+        self._done = self._skipped = 0
 
-    def detect(self, path: Path, stem: Path) -> dict[str, Any]:
-        """Keypoints of one image, into files.
+    def take(self, result: Mapping[str, Any], lines: TextIO | None) -> None:
+        if "error" in result:
+            self.failed.append(result["error"])
+            self._progress.failed(result["error"])
+        else:
+            self._done += 1
+            self._skipped += result["skipped"]
+            self._progress.done(self._line(result))
+        if lines is not None:
+            lines.write(json.dumps(result) + "\n")
+            lines.flush()
+        if self._args.json:
+            self._images.append(result)
 
-        Raises
-        ------
-        ElfError
-            If it can't be read, or the files there are another image's results.
-        """
-        start = time.perf_counter()
-        files = [f"{stem}.{ending}" for ending in _endings(self._args)]
-        image = ImageFile(path, self._args.max_pixels)
-        record = self._record | {"image": os.path.realpath(path), "image_sha256": image.sha256}
-        record["elf-onnx"] = elf_runtime.__version__
-        if self._existing(record, files):
-            self._written[files[0]] = record["image"]
-            return {"image": str(path), "files": files, "skipped": True}
-        pixels = image.decoded(self._args.ignore_exif)
-        read = time.perf_counter() - start
-        trace = self._elf.trace(pixels, mask=self._mask, **options.settings(self._args))
-        seconds = time.perf_counter() - start
-        stem.parent.mkdir(parents=True, exist_ok=True)
-        # First the record of whose results these are.  What is left of earlier ones goes before it comes: an image that
-        # is interrupted has files too few, never some of other settings.
-        for file in files[1:]:
-            Path(file).unlink(missing_ok=True)
-        trace.features.save(f"{stem}.npz", record)
-        self._written[files[0]] = record["image"]
-        trace.features.save(f"{stem}.csv")
-        if not self._args.no_picture:
-            picture = detection_picture(pixels, trace, short_name(path))
-            write_picture(Path(f"{stem}.png"), picture)
-        return {
-            "image": str(path),
-            "files": files,
-            "size": list(trace.features.image_size),
-            "keypoints": len(trace.features),
-            "fewer": self._why_fewer(len(trace.features)),
-            "passed": float(trace.mask.mean()),
-            "seconds": seconds,
-            "stages": trace.seconds | {"read": read},
-            "skipped": False,
-        }
+    def finish(self, elf: ElfRuntime) -> None:
+        """The last line, the failures once more where many lines lie between, and the summary."""
+        count, seconds = self._done + len(self.failed), time.perf_counter() - self._start
+        text = ""
+        if count > 1:
+            parts = [f"{count} images in {seconds:.1f} s, {count / seconds:.1f} a second"]
+            parts += [f"{self._skipped} skipped"] if self._skipped else []
+            parts += [f"{len(self.failed)} failed" + ("" if self._args.quiet else ":")] if self.failed else []
+            text = "\n".join([", ".join(parts), *(f"  {error}" for error in self.failed)])
+        self._progress.close(text)
+        if self._args.json:
+            command.write_json(self._args.json, {**options.origin(elf, self._args), "images": self._images})
+
+    def _line(self, result: Mapping[str, Any]) -> str:
+        """What is said of an image that is done."""
+        first, *others = result["files"]
+        files = ", ".join([first, *(Path(file).suffix for file in others)])
+        name = result["image"] + (f", frame {result['frame']}" if "frame" in result else "")
+        if result["skipped"]:
+            return printable(f"{name}: skipped, {files} are of these pixels, model and settings")
+        height, width = result["size"]
+        count = f"{result['keypoints']} keypoints{self._why_fewer(result['keypoints'])}"
+        return printable(f"{name}: {count}, {width}x{height}, {result['seconds']:.2f} s -> {files}")
 
     def _why_fewer(self, count: int) -> str:
         """Why there are fewer keypoints than the user asked for; empty where there are not."""
-        if not self._asked or count >= self._params.max_keypoints:
+        params = self._extract.params
+        if not self._asked or count >= params.max_keypoints:
             return ""
-        masked = " and the mask" if self._mask is not None else ""
-        limit = "there are" if self._params.threshold == "none" else f"the threshold (--threshold){masked} let through"
-        return f" of {self._params.max_keypoints} asked for: {limit} no more"
-
-    def _existing(self, record: Mapping[str, Any], files: Sequence[str]) -> bool:
-        """Whether the files are there and need not be made again."""
-        if files[0] in self._written:
-            raise ElfError(f"{files[0]} holds the results of {self._written[files[0]]}; give another -o, or --base")
-        there = [file for file in files if os.path.lexists(file)]
-        if not there:
-            return False
-        found = load_record(files[0])
-        same = found == json.loads(json.dumps(record)) and len(there) == len(files)
-        if self._args.skip_existing and same:
-            return True
-        if self._args.overwrite:
-            return False
-        if found is None or found.get("image") != record["image"]:
-            whose = "is no result of elf-detect" if found is None else f"holds the results of {found.get('image')}"
-            raise ElfError(f"{there[0]} {whose}; give another -o, or --base, or --overwrite")
-        return False
+        masked = " and the mask" if self._extract.mask is not None else ""
+        limit = "there are" if params.threshold == "none" else f"the threshold (--threshold){masked} let through"
+        return f" of {params.max_keypoints} asked for: {limit} no more"
 
 
-def _endings(args: argparse.Namespace) -> list[str]:
-    """Of the files that each image gets."""
-    return ["npz", "csv"] if args.no_picture else ["npz", "csv", "png"]
+def _lines(target: str) -> AbstractContextManager[TextIO]:
+    """The stream of --jsonl, whose file's folder is made."""
+    if target == "-":
+        return nullcontext(sys.stdout)
+    Path(target).parent.mkdir(parents=True, exist_ok=True)
+    return open(target, "w", encoding="utf-8")
 
 
 def _read_mask(path: str, args: argparse.Namespace) -> Any:

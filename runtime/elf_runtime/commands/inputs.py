@@ -78,6 +78,24 @@ def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | 
     return names
 
 
+def video_files(arguments: Sequence[str], base: Path | None = None) -> dict[Path, Path]:
+    """The video files that are named or match a pattern -> the folder of their frames' results, as `image_files`.
+
+    Raises
+    ------
+    UsageError
+        If a pattern matches no file, or a file is not below `base`.
+    """
+    names: dict[Path, Path] = {}
+    for argument in arguments:
+        matches = sorted(map(Path, glob.glob(argument, recursive=True))) if glob.has_magic(argument) else []
+        if glob.has_magic(argument) and not matches and not os.path.lexists(argument):
+            raise UsageError(f"{argument}: no file matches")
+        for path in matches or [Path(argument)]:
+            names[path] = _name(path, path.parent, base)
+    return names
+
+
 def _name(path: Path, folder: Path, base: Path | None) -> Path:
     if base is not None:
         whole, start = Path(os.path.abspath(path)), os.path.abspath(base)

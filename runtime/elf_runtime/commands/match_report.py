@@ -13,11 +13,11 @@ import numpy.typing as npt
 
 from elf_runtime.files.write import write_atomically
 from elf_runtime.geometry.two_view import TwoView
+from elf_runtime.pictures.file import short_name, write_picture
 from elf_runtime.pictures.render import match_picture
 from elf_runtime.results.features import Array, Features
 
 from .match_cameras import Float
-from .outputs import short_name, write_picture
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,8 @@ class Run:
 
     def __init__(self, args: argparse.Namespace, wanted: Plan, views: Views) -> None:
         self._args, self._plan, self._views = args, wanted, views
-        self._stream = sys.stderr if args.json == "-" else None
+        # The JSON alone goes to standard output where it is asked for there.
+        self._stream = sys.stderr if args.json == "-" else sys.stdout
         self._settings = {
             "ratio": args.ratio,
             "ransac": args.ransac,
@@ -115,6 +116,7 @@ class Run:
     def _say(self, text: str, written: Sequence[Path]) -> None:
         files = ", ".join(map(str, written))
         say(printable(text + (f" -> {files}" if files else "")), self._stream)
+        self._stream.flush()
 
     def _report(self, text: str) -> None:
         """An error on standard error, once."""

@@ -31,8 +31,10 @@ from .terminal import say
 
 MOST_BYTES = 1 << 30  # of features in memory; more are in a temporary folder
 _EVERY = 10.0  # seconds between lines of what is done
-_DETECTING = ("max_keypoints", "threshold", "nms_radius", "border", "grid", "preset", "scale", "descriptor", "set",
-              "model", "provider", "threads")  # fmt: skip
+_DETECTING = (
+    "max_keypoints", "threshold", "nms_radius", "border", "grid", "preset", "scale", "max_side", "descriptor", "set",
+    "model", "provider", "threads",
+)  # fmt: skip
 
 
 class Views:

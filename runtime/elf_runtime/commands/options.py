@@ -57,6 +57,10 @@ def add_detection_options(parser: argparse.ArgumentParser) -> None:
         help="fast, default (the model's own), accurate, multiscale, or settings of the ELF paper's experiments",
     )  # fmt: skip
     group.add_argument("--scale", type=float, metavar="S", help="resize the image by S for the network (0.5 = half)")
+    group.add_argument(
+        "--max-side", type=positive, metavar="N",
+        help="longest side that the network sees, in pixels: larger images at a smaller scale, in less time and memory",
+    )  # fmt: skip
     group.add_argument("--descriptor", metavar="LAYER", help="which of the model's descriptors (see elf-info)")
     add_set_option(group)
 
@@ -97,7 +101,9 @@ def settings(args: argparse.Namespace) -> dict[str, Any]:
     SettingError
         On several values where others are expected.
     """
-    own_options = ("max_keypoints", "threshold", "nms_radius", "border", "grid", "preset", "scale", "descriptor")
+    own_options = (
+        "max_keypoints", "threshold", "nms_radius", "border", "grid", "preset", "scale", "max_side", "descriptor",
+    )  # fmt: skip
     given = {name: getattr(args, name) for name in own_options}
     for name, _ in args.set:
         if name not in SETTINGS:
@@ -150,6 +156,13 @@ def positive(text: str) -> int:
     """An argparse type: a whole number from 1 on."""
     if re.fullmatch("0*[1-9][0-9]*", text) is None:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 on")
+    return int(text)
+
+
+def from_zero(text: str) -> int:
+    """An argparse type: a whole number from 0 on."""
+    if re.fullmatch("[0-9]+", text) is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 on")
     return int(text)
 
 

@@ -1,15 +1,12 @@
-"""What a command writes: whether it can be written and costs no other file, asked before any work; and pictures."""
+"""What a command writes: whether it can be written and costs no other file, asked before any work."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import cv2
-
 from elf_runtime.errors import ElfError
-from elf_runtime.files.write import existing, real, unwritable, write_atomically
-from elf_runtime.pictures.canvas import Picture
+from elf_runtime.files.write import existing, real, unwritable
 
 from .command import UsageError
 
@@ -71,25 +68,3 @@ def _identity(path: Path) -> tuple[int, int] | Path:
     except OSError:
         return real(path)
     return status.st_dev, status.st_ino
-
-
-def short_name(path: str | Path) -> str:
-    """A file's name with its folder's, for titles: what tells ``graf/1.png`` from ``wall/1.png``."""
-    return "/".join(Path(path).parts[-2:])
-
-
-def write_picture(path: Path, picture: Picture) -> None:
-    """Write an image file; the ending says which kind.
-
-    Raises
-    ------
-    ElfError
-        If OpenCV knows no such kind.
-    """
-    try:
-        done, data = cv2.imencode(path.suffix, picture)
-    except cv2.error:
-        done = False
-    if not done:
-        raise ElfError(f"{path}: can't write an image with the ending {path.suffix!r}; use .png or .jpg")
-    write_atomically(path, lambda temporary: temporary.write_bytes(data.tobytes()))

@@ -100,16 +100,18 @@ def prepare(
     ImageError
         On an image that is too small, or an image or mask that can't be processed.
     SettingError
-        On a working scale or oriented keypoints, where the model takes one size only.
+        On a working scale, `max_side` or oriented keypoints, where the model takes one size only.
     """
     if params.oriented and contract.input.is_fixed:
         raise SettingError(f"{model} takes images of one size only, and not the patches of oriented keypoints")
+    if params.max_side != "none" and contract.input.is_fixed:
+        raise SettingError(f"{model} takes images of one size only: max_side can't be chosen")
     # One pixel stands for an image of one colour, which may be a gigabyte that was a kilobyte of file.
     blank = images.is_blank(image)
     pixels = images.to_pixels(image[:1, :1] if blank else image, contract.input)
     size = (image.shape[0], image.shape[1])
     by_size: dict[tuple[int, int], Scaling] = {}
-    for scale in params.working_scales:
+    for scale in params.scales_for(size):
         scaling = _scaling(size, scale, contract.input, model)
         by_size.setdefault(scaling.working, scaling)
     textured = not (blank or images.is_flat(pixels))

@@ -76,7 +76,7 @@ def test_what_is_done_is_skipped(tmp_path: Path, capsys: pytest.CaptureFixture[s
 def test_an_interrupted_image_is_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     image, out = write(tmp_path / "1.jpg"), tmp_path / "out"
     assert detect(image, "-o", out, "--max-keypoints", 3) == 0
-    monkeypatch.setattr("elf_runtime.commands.detect.detection_picture", lambda *_: 1 / 0)
+    monkeypatch.setattr("elf_runtime.extraction.extractor.detection_picture", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         detect(image, "-o", out)
     monkeypatch.undo()

@@ -26,7 +26,7 @@ def features(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with features of three views, next to that of the images."""
     monkeypatch.chdir(tmp_path)
     write_views(tmp_path / "photos", NAMES)
-    assert detect(["photos", "-o", "found", *MODEL, "--threshold", "none"]) == 0
+    assert detect(["photos", "-o", "found", *MODEL, "--threshold", "none", "--picture"]) == 0
     return tmp_path / "found" / "photos"
 
 
