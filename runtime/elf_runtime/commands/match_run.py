@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from elf_runtime.errors import ElfError, SettingError, printable
+from elf_runtime.errors import ElfError, SettingError, printable, reason
 from elf_runtime.files.write import real
 from elf_runtime.geometry.cameras import Cameras
 from elf_runtime.geometry.fit import Search, fit
@@ -79,8 +79,11 @@ class Run:
             matched = self._matched(i, j)
             written = self._write(matched, i, j, output and output / f"{stem}.png", save and save / f"{stem}.npz")
         except (ElfError, OSError) as error:
-            # What can't be compared is about neither of the two alone.
-            text = f"{one}, {two}: {error}" if isinstance(error, SettingError) else str(error)
+            text = str(error)
+            if isinstance(error, SettingError):  # what can't be compared is about neither of the two alone
+                text = f"{one}, {two}: {error}"
+            elif isinstance(error, OSError):
+                text = f"{error.filename or one}: {reason(error)}"
             self._report(text)
             return about | {"error": text}
         self._say(f"{one}, {two}: {matched.counts()}{matched.more()}", written)

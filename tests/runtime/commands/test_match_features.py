@@ -100,7 +100,9 @@ def test_another_model_is_refused(features: Path, capsys: pytest.CaptureFixture[
 def test_other_settings_and_no_record_are_said(features: Path, capsys: pytest.CaptureFixture[str]) -> None:
     settings = load_record(features / "1.npz")["settings"]  # type: ignore[index]
     changed(features / "2.npz", "2.npz", settings=settings | {"nms_radius": 3}, ignore_exif=True)
-    Features.load(features / "3.npz").save(features / "3.npz")
+    with np.load(features / "3.npz") as saved:
+        arrays = {name: saved[name] for name in saved if name != "record"}
+    np.savez_compressed(features / "3.npz", **arrays)
     (features / "3.png").unlink()  # the picture: without the record it would be an image
     assert main([str(features)]) == 0
     lines = capsys.readouterr().err.splitlines()
