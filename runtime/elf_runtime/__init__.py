@@ -21,6 +21,7 @@ from .pictures.pair import draw_matches
 from .pictures.render import draw_keypoints
 from .presets import PRESETS, preset
 from .results.features import Features
+from .results.global_descriptor import global_descriptor
 from .results.matches import Matches
 from .results.matching import match
 from .results.trace import Level, Trace
@@ -49,6 +50,7 @@ __all__ = [
     "draw_keypoints",
     "draw_matches",
     "estimate",
+    "global_descriptor",
     "match",
     "preset",
     "refine",

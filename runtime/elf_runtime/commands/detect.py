@@ -109,7 +109,7 @@ def _check(args: argparse.Namespace, stills: Sequence[Still], endings: Sequence[
 
 
 def _extractor(elf: ElfRuntime, args: argparse.Namespace, endings: Sequence[str]) -> Extractor:
-    mask = _read_mask(args.mask, args) if args.mask else None
+    mask = options.read_mask(args)
     origin = options.origin(elf, args)
     kept = ("model_sha256", "network", "layer", "descriptor", "settings")
     record = {name: origin[name] for name in kept} | {"ignore_exif": args.ignore_exif}
@@ -137,6 +137,7 @@ class _Run:
         if "error" in result:
             self.failed.append(result["error"])
             self._progress.failed(result["error"])
+            self._progress.advance()
         else:
             self._done += 1
             self._skipped += result["skipped"]
@@ -187,12 +188,6 @@ def _lines(target: str) -> AbstractContextManager[TextIO]:
         return nullcontext(sys.stdout)
     Path(target).parent.mkdir(parents=True, exist_ok=True)
     return open(target, "w", encoding="utf-8")
-
-
-def _read_mask(path: str, args: argparse.Namespace) -> Any:
-    mask = options.read_image(path, args)
-    # A colour picture of a mask: black is black in all of its colours.  What alpha leaves out counts as black.
-    return mask > 0 if mask.ndim == 2 else mask[:, :, :3].any(axis=2) & (mask[:, :, 3:] > 0).all(axis=2)
 
 
 if __name__ == "__main__":

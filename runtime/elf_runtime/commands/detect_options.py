@@ -66,11 +66,7 @@ def build_parser() -> Parser:
     parser.add_argument(
         "--overwrite", action="store_true", help="replace what is there even if it is not this image's result"
     )
-    parser.add_argument(
-        "--mask",
-        metavar="FILE",
-        help="image of the same size: keypoints only where it is not black, and away from its edge (see mask_border)",
-    )
+    options.add_mask(parser)
     parser.add_argument(
         "--picture",
         action=argparse.BooleanOptionalAction,

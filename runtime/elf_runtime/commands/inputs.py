@@ -56,7 +56,7 @@ def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | 
             entries = path.rglob("*") if recursive else path.iterdir()
             shown = (p for p in entries if not any(part.startswith(".") for part in p.relative_to(path).parts))
             images = (p for p in shown if p.suffix.lower() in IMAGE_SUFFIXES and p.is_file())
-            inside = sorted(p for p in images if not _is_written(p))
+            inside = sorted(p for p in images if not is_written(p))
             if not inside:
                 place = " or below it" if recursive else "; --recursive looks below it too"
                 raise UsageError(f"{argument}: no images ({', '.join(sorted(IMAGE_SUFFIXES))}) in this folder{place}")
@@ -120,11 +120,11 @@ def _stems(folder: Path, _: int) -> Counter[str]:
     """How many images of a folder have a name; a picture that elf-detect wrote is none."""
     images = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES | _OTHER_SUFFIXES]
     counts = Counter(path.stem for path in images)
-    counts.subtract(path.stem for path in images if counts[path.stem] > 1 and _is_written(path))
+    counts.subtract(path.stem for path in images if counts[path.stem] > 1 and is_written(path))
     return counts
 
 
-def _is_written(path: Path) -> bool:
+def is_written(path: Path) -> bool:
     """Whether an image is a picture that elf-detect wrote of another one."""
     if path.suffix.lower() != ".png":
         return False
@@ -157,5 +157,5 @@ def check_pictures(arguments: Sequence[str], paths: Sequence[Path], output: Path
                 "give a folder outside it, or --no-picture"
             )
     for path in paths:
-        if _is_written(path):
+        if is_written(path):
             raise UsageError(f"{path} is a picture that elf-detect wrote; leave it out, or --no-picture")

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
 from elf_runtime.engine import ElfRuntime
@@ -109,6 +110,21 @@ def add_image_options(parser: argparse.ArgumentParser) -> None:
         "--max-pixels", type=positive, default=MAX_PIXELS, metavar="N",
         help=f"refuse image files of more pixels before decoding them; default: {MAX_PIXELS:,}",
     )  # fmt: skip
+
+
+def add_mask(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--mask", metavar="FILE",
+        help="image of the same size: keypoints only where it is not black, and away from its edge (see mask_border)",
+    )  # fmt: skip
+
+
+def read_mask(args: argparse.Namespace) -> npt.NDArray[np.bool_] | None:
+    """(H, W), of --mask: a colour is black where all of its parts are, and what alpha leaves out is; None without."""
+    if args.mask is None:
+        return None
+    mask = read_image(args.mask, args)
+    return np.asarray(mask > 0 if mask.ndim == 2 else mask[:, :, :3].any(axis=2) & (mask[:, :, 3:] > 0).all(axis=2))
 
 
 def read_image(path: str | Path, args: argparse.Namespace) -> npt.NDArray[Any]:

@@ -43,11 +43,11 @@ class Progress:
             self._bar.update()
 
     def failed(self, error: str) -> None:
+        """Say an error; what it is of is done all the same, and counts by `advance`."""
         if self._bar is not None:
             self._bar.clear()
         report(self._command, error)
         if self._bar is not None:
-            self._bar.update()
             self._bar.refresh()
 
     def close(self, line: str = "") -> None:

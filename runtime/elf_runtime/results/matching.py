@@ -63,7 +63,7 @@ def mutual_nearest(
         Squared distance to the nearest and to the second nearest, infinite where there is no second; (0, 2) unless
         `distances` are asked for.
     """
-    a, b = _rows(first, "first"), _rows(second, "second")
+    a, b = as_rows(first, "first"), as_rows(second, "second")
     if ratio is not None and not (is_number(ratio) and 0.0 < ratio < 1.0):
         raise SettingError(f"ratio is a number in (0, 1), not {ratio!r}")
     if a.shape[1] != b.shape[1]:
@@ -84,7 +84,7 @@ def mutual_nearest(
     return pairs, squared[keep] if squared is not None and distances else np.zeros((0, 2))
 
 
-def _rows(side: Features | npt.ArrayLike, name: str) -> Rows:
+def as_rows(side: Features | npt.ArrayLike, name: str) -> Rows:
     """The descriptors of one side of a match, (N, D), all finite."""
     kind = f"the {name} side is Features or an (N, D) array of descriptors"
     if isinstance(side, Features):

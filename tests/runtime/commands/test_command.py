@@ -86,7 +86,7 @@ def test_an_interruption_is_json_too(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("elf_runtime.commands.match.match", interrupted)
+    monkeypatch.setattr("elf_runtime.commands.match_run.match", interrupted)
     assert match.main([*words("elf-match", folder, str(TINY)), "--json=-"]) == 130
     captured = capsys.readouterr()
     assert json.loads(captured.out) == {"error": "interrupted"}

@@ -186,6 +186,7 @@ def test_a_bar_on_a_terminal_and_lines_elsewhere(monkeypatch: pytest.MonkeyPatch
         progress = Progress("elf-detect", "image", total, lines, quiet)
         progress.done("a is done")
         progress.failed("b is not")
+        progress.advance()
         progress.close("the end")
         assert ("2/3" in errors.getvalue()) is bar
         assert "elf-detect: error: b is not\n" in errors.getvalue()

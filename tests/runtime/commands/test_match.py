@@ -76,7 +76,7 @@ def test_the_inlier_distance_reaches_the_fit(
         given.append((arguments[2], arguments[3].threshold))
         return fit(*arguments)
 
-    monkeypatch.setattr("elf_runtime.commands.match.fit", spy)
+    monkeypatch.setattr("elf_runtime.commands.match_run.fit", spy)
     for more, wanted in (((), 3.0), (("--ransac-threshold", 0.5), 0.5)):
         assert match(*pair, "-o", tmp_path / "m.png", "--ransac", "homography", *more) == 0
         assert given.pop() == ("homography", wanted)
@@ -114,9 +114,8 @@ def test_nothing_to_match_is_no_failure(tmp_path: Path, capsys: pytest.CaptureFi
         (["-o", "m.xyz"], 2, ".xyz"),
         (["-o", "a.png"], 2, "input image"),
         (["-o", "absent/m.png"], 1, "-o: there is no folder absent"),
-        (["-o", "m.png", "--json", "a.png"], 2, "--json: a.png is an input image"),
-        (["-o", "m.png", "--json", "m.png"], 2, "--json: m.png is an output of -o"),
-        (["-o", "m.png", "--save", "m.npz", "--json", "./m.npz"], 2, "--json: m.npz is an output of --save"),
+        (["-o", "m.png", "--json", "link.json"], 2, "--json: link.json is an input image"),
+        (["-o", "a.png", "--mask", "m.png"], 2, "-o: a.png is an input image"),
         (["-o", "m.png", "--json", "absent/m.json"], 1, "--json: there is no folder absent"),
         (["-o", "m.png", "--save", "absent/m.npz"], 1, "--save: there is no folder absent"),
     ],
@@ -131,6 +130,7 @@ def test_one_line_for_what_is_wrong(
 ) -> None:
     monkeypatch.chdir(pair[0].parent)
     monkeypatch.setattr(ElfRuntime, "detect", None)  # no image gets that far
+    Path("link.json").symlink_to("a.png")
     before = {p.name: p.read_bytes() for p in pair[0].parent.iterdir()}
     assert match("a.png", "b.png", *arguments) == status
     error = capsys.readouterr().err
@@ -204,3 +204,19 @@ def test_max_pixels_raises_the_limit(
     assert match(*pair, "--max-pixels", 100_000) == 0
     assert match(*pair, "--max-pixels", 70_000) == 1
     assert "more than the limit of 70,000" in capsys.readouterr().err
+
+
+def test_a_mask_holds_the_keypoints_of_both_images(pair: tuple[Path, Path], tmp_path: Path) -> None:
+    mask = np.zeros(cv2.imread(str(pair[0])).shape[:2], np.uint8)
+    mask[:, : mask.shape[1] // 2] = 255
+    cv2.imwrite(str(tmp_path / "mask.png"), mask)
+    assert match(*pair, "--mask", tmp_path / "mask.png", "--save", tmp_path / "m.npz") == 0
+    with np.load(tmp_path / "m.npz") as found:
+        assert len(found["pairs"]) > 0
+        for name in ("points_a", "points_b"):
+            assert (found[name][:, 0] < mask.shape[1] // 2).all()
+
+
+def test_quiet_says_nothing(pair: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    assert match(*pair, "--quiet") == 0
+    assert capsys.readouterr() == ("", "")

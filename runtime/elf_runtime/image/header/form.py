@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import BinaryIO
 
 NEVER, MAYBE, SURELY = range(3)
+MOST_EXIF = 1 << 20  # bytes of EXIF data that are read
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import BinaryIO
 
 from .form import Format, Header
 
-_SCAN, _END = 0xDA, 0xD9
+_SCAN, _END, _APPLICATION_1 = 0xDA, 0xD9, 0xE1
 
 
 def _is_alone(marker: int) -> bool:
@@ -33,6 +33,23 @@ def _parse(_: bytes, file: BinaryIO) -> Header:
         if marker in (_END, _SCAN):
             return Header("JPEG")
         at += 2 + max(2, struct.unpack_from(">H", segment, 2)[0])
+
+
+def exif(file: BinaryIO) -> bytes | None:
+    """The TIFF file within a JPEG's EXIF segment."""
+    at = 2
+    while True:
+        file.seek(at)
+        segment = file.read(4)
+        if len(segment) < 4 or segment[0] != 0xFF or segment[1] in (_END, _SCAN):
+            return None
+        if _is_alone(segment[1]):
+            at += 1 if segment[1] == 0xFF else 2
+            continue
+        length = max(2, struct.unpack_from(">H", segment, 2)[0])
+        if segment[1] == _APPLICATION_1 and (data := file.read(length - 2)).startswith(b"Exif\0\0"):
+            return data[6:]
+        at += 2 + length
 
 
 def _ends_early(data: bytes) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import BinaryIO
 
-from .form import NEVER, SURELY, Format, Header
+from .form import MOST_EXIF, NEVER, SURELY, Format, Header
 
 
 def _parse(head: bytes, file: BinaryIO) -> Header:
@@ -21,6 +21,20 @@ def _parse(head: bytes, file: BinaryIO) -> Header:
                 key = int.from_bytes(chunk[8:], "big") * (255 // ((1 << depth) - 1) if depth < 8 else 1)
             return Header("PNG", width, height, SURELY, key)
         at += 12 + int.from_bytes(chunk[:4], "big")
+
+
+def exif(file: BinaryIO) -> bytes | None:
+    """The TIFF file within a PNG's eXIf chunk, which may stand behind the pixels."""
+    at = 8
+    while True:
+        file.seek(at)
+        chunk = file.read(8)
+        if len(chunk) < 8 or chunk[4:] == b"IEND":
+            return None
+        length = int.from_bytes(chunk[:4], "big")
+        if chunk[4:] == b"eXIf":
+            return file.read(min(length, MOST_EXIF))
+        at += 12 + length
 
 
 def _ends_early(data: bytes) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import BinaryIO
 
-from .form import MAYBE, NEVER, SURELY, Format, Header
+from .form import MAYBE, MOST_EXIF, NEVER, SURELY, Format, Header
 
 
 def _parse(head: bytes, _: BinaryIO) -> Header:
@@ -18,6 +18,20 @@ def _parse(head: bytes, _: BinaryIO) -> Header:
         return Header("WebP", (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1, MAYBE if bits >> 28 & 1 else NEVER)
     width, height = struct.unpack_from("<HH", head, 26)
     return Header("WebP", width & 0x3FFF, height & 0x3FFF)
+
+
+def exif(file: BinaryIO) -> bytes | None:
+    """The TIFF file within a WebP's EXIF chunk, behind the pixels; some writers put JPEG's identifier before it."""
+    at = 12
+    while True:
+        file.seek(at)
+        chunk = file.read(8)
+        if len(chunk) < 8:
+            return None
+        length = int.from_bytes(chunk[4:], "little")
+        if chunk[:4] == b"EXIF":
+            return file.read(min(length, MOST_EXIF)).removeprefix(b"Exif\0\0")
+        at += 8 + length + length % 2
 
 
 def _ends_early(data: bytes) -> bool:

@@ -1,0 +1,209 @@
+"""Which images elf-match takes, and which of them it pairs."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+from elf_runtime.errors import reason
+from elf_runtime.files.kind import open_regular
+
+from .command import UsageError
+from .inputs import image_files, is_written
+
+FEATURE_SUFFIX = ".npz"
+Pairs = list[tuple[int, int]]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What --pairs says.
+
+    Attributes
+    ----------
+    kind : "exhaustive", "sequential", "nearest" or "file"
+    count : int
+        Of those that follow, or of the nearest.
+    file : Path, optional
+    """
+
+    kind: str = "exhaustive"
+    count: int = 1
+    file: Path | None = None
+
+    @classmethod
+    def of(cls, text: str) -> Choice:
+        """Of the option's text.
+
+        Raises
+        ------
+        UsageError
+            If it is none of these, and no file.
+        """
+        found = re.fullmatch(r"(exhaustive)|(sequential|nearest):0*([1-9]\d{0,8})|(sequential)", text)
+        if found is not None:
+            return cls(found[1] or found[2] or found[4], int(found[3] or 1))
+        if not os.path.lexists(text):
+            raise UsageError(
+                f"--pairs {text}: not exhaustive, sequential, sequential:N or nearest:N with N from 1 on, and no file "
+                "of this name"
+            )
+        return cls("file", file=Path(text))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The images or feature files, and their pairs.
+
+    Attributes
+    ----------
+    paths : list of Path
+        Each one once.
+    names : list of str
+        Of what is printed and written for them: the path below the folder.
+    pairs : list of (int, int), optional
+        Into these; None where they are to be chosen by global descriptors.
+    nearest : int
+        How many are then chosen for each image.
+    single : bool
+        Whether two images were given, not a folder.
+    query : bool
+        Whether the first one is held against the others, and these not against each other.
+    """
+
+    paths: list[Path]
+    names: list[str]
+    pairs: Pairs | None
+    nearest: int = 0
+    single: bool = False
+    query: bool = False
+
+
+def plan(first: str, second: str | None, choice: Choice | None, recursive: bool) -> Plan:
+    """What the command line asks for.
+
+    Raises
+    ------
+    UsageError
+        If there is nothing to pair, an option does not go with what is given, or a list of pairs has what is not
+        there.
+    """
+    a = Path(first)
+    if second is None:
+        if not a.is_dir():
+            raise UsageError(f"{first}: give a second image or a folder, or a folder alone")
+        return _of_folder(a, choice or Choice(), recursive)
+    if a.is_dir():
+        raise UsageError(f"{first} is a folder: give it alone, or as the second one, to hold an image against it")
+    if Path(second).is_dir():
+        return _against_folder(a, Path(second), choice or Choice(), recursive)
+    if choice is not None or recursive:
+        raise UsageError(f"{'--pairs' if choice else '--recursive'} goes with a folder, not with two images")
+    return Plan([a, Path(second)], [first, second], [(0, 1)], single=True)
+
+
+def _of_folder(folder: Path, choice: Choice, recursive: bool) -> Plan:
+    if choice.file is not None:
+        listed = read_list(choice.file, folder)
+        paths = list(dict.fromkeys(path for pair in listed for path in pair))
+        place = {path: index for index, path in enumerate(paths)}
+        return Plan(paths, _names(paths, folder), [(place[one], place[two]) for one, two in listed])
+    paths = members(folder, recursive)
+    if len(paths) < 2:
+        raise UsageError(f"{folder}: there is one image in this folder, {paths[0].name}, and nothing to match it with")
+    names = _names(paths, folder)
+    if choice.kind == "nearest":
+        return Plan(paths, names, None, choice.count)
+    reach = choice.count if choice.kind == "sequential" else len(paths)
+    return Plan(paths, names, [(i, j) for i, j in combinations(range(len(paths)), 2) if j - i <= reach])
+
+
+def _against_folder(image: Path, folder: Path, choice: Choice, recursive: bool) -> Plan:
+    if choice.kind not in ("exhaustive", "nearest"):
+        raise UsageError("one image against a folder takes --pairs nearest:N or none")
+    own = os.path.realpath(image)
+    others = [path for path in members(folder, recursive) if os.path.realpath(path) != own]
+    if not others:
+        raise UsageError(f"{folder}: there is no other image in this folder than {image}")
+    paths, names = [image, *others], [image.name, *_names(others, folder)]
+    if choice.kind == "nearest":
+        return Plan(paths, names, None, choice.count, query=True)
+    return Plan(paths, names, [(0, j) for j in range(1, len(paths))], query=True)
+
+
+def members(folder: Path, recursive: bool) -> list[Path]:
+    """The image files of a folder, as `image_files`, or the feature files of one without images, in natural order.
+
+    Raises
+    ------
+    UsageError
+        If it has neither.
+    """
+    try:
+        found = list(image_files([str(folder)], recursive))
+    except UsageError:
+        entries = folder.rglob("*") if recursive else folder.iterdir()
+        shown = (p for p in entries if not any(part.startswith(".") for part in p.relative_to(folder).parts))
+        found = [path for path in shown if path.suffix == FEATURE_SUFFIX and path.is_file()]
+        if not found:
+            raise
+    return sorted(found, key=_natural)
+
+
+def _natural(path: Path) -> tuple[list[tuple[int, str]], str]:
+    """Sorts 2.jpg before 10.jpg."""
+    parts = re.split(r"(\d+)", str(path))
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts], str(path)
+
+
+def _names(paths: Sequence[Path], folder: Path) -> list[str]:
+    return [path.relative_to(folder).as_posix() for path in paths]
+
+
+def read_list(file: Path, folder: Path) -> list[tuple[Path, Path]]:
+    """The pairs of a text file: two names a line, of files below the folder, each pair once.
+
+    White space is between them, or a tab where names have spaces; # begins a comment.  A name may be that of an image
+    whose feature file is there.
+
+    Raises
+    ------
+    UsageError
+        On a file that can't be read, a line of another form, a name that is not there, or no pair at all.
+    """
+    try:
+        with open_regular(file) as opened:
+            lines = opened.read().decode("utf-8-sig", "surrogateescape").splitlines()
+    except OSError as error:
+        raise UsageError(f"--pairs {file}: {reason(error)}") from error
+    found: dict[frozenset[Path], tuple[Path, Path]] = {}
+    for number, line in enumerate(lines, 1):
+        text = line.partition("#")[0].strip()
+        if not text:
+            continue
+        names = [name.strip() for name in text.split("\t")] if "\t" in text else text.split()
+        where = f"--pairs {file}, line {number}"
+        if len(names) != 2:
+            raise UsageError(f"{where}: two names are expected, with a tab between them if they have spaces")
+        one, two = (_listed(name, folder, where) for name in names)
+        if one == two:
+            raise UsageError(f"{where}: {names[0]} is paired with itself")
+        found.setdefault(frozenset((one, two)), (one, two))
+    if not found:
+        raise UsageError(f"--pairs {file}: there are no pairs in this file")
+    return list(found.values())
+
+
+def _listed(name: str, folder: Path, where: str) -> Path:
+    path = Path(os.path.normpath(folder / name))
+    if not path.is_relative_to(os.path.normpath(folder)):
+        raise UsageError(f"{where}: {name} is not below the folder {folder}")
+    # elf-detect writes the features of photos/1.jpg to photos/1.npz, or to photos/1.jpg.npz.
+    for candidate in (path, path.with_suffix(FEATURE_SUFFIX), Path(f"{path}{FEATURE_SUFFIX}")):
+        if candidate.is_file() and not is_written(candidate):
+            return folder / candidate.relative_to(os.path.normpath(folder))
+    raise UsageError(f"{where}: there is no {name} in the folder {folder}")
