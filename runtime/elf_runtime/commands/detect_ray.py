@@ -6,7 +6,7 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -46,7 +46,7 @@ def work(args: argparse.Namespace) -> int:
         needed("h5py", "h5")
     frames = _frames(args)
     store = Store.at(str(args.output) if is_url(args.output) else os.path.abspath(args.output))
-    _make_room(args, store)
+    _check_shards(args, store)
     args.threads = args.threads or 1
     elf, mask = options.open_runtime(args), options.read_mask(args)
     params, record = options.params(elf, args), record_of(elf, args, mask)
@@ -61,6 +61,8 @@ def work(args: argparse.Namespace) -> int:
         ray = stack.enter_context(ray_session())
         workers = _workers(ray, args)
         size = args.shard_size or max(1, min(SHARD_SIZE, -(-len(frames) // workers)))
+        if args.overwrite:
+            store.remove_shards()
         tasks = plan(frames, record, store, args.format or "parquet", size, known)
         lines = stack.enter_context(lines_of(args.jsonl)) if args.jsonl else None
         for report in run_tasks(ray, job, tasks, workers):
@@ -157,17 +159,16 @@ def _remote(args: argparse.Namespace, base: str | None) -> Iterator[Remote]:
         yield from found
 
 
-def _make_room(args: argparse.Namespace, store: Store) -> None:
+def _check_shards(args: argparse.Namespace, store: Store) -> None:
     """Refuse an output that has shards, unless it is said what becomes of them."""
-    shards: Sequence[str] = store.shards()
-    if shards and args.overwrite:
-        for shard in shards:
-            store.remove(shard)
-    elif shards and not args.skip_existing:
+    shards = store.shards()
+    if shards and not (args.skip_existing or args.overwrite):
         raise UsageError(
             f"-o {store.place}: {len(shards)} shards are there; --skip-existing adds what they lack, --overwrite "
             "removes them first, or give another folder"
         )
+    if args.skip_existing and args.overwrite:
+        raise UsageError("--skip-existing keeps the shards that are there and --overwrite removes them; give one")
 
 
 def _workers(ray: Any, args: argparse.Namespace) -> int:

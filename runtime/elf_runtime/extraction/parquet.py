@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -67,17 +67,15 @@ def read_parquet(path: Path) -> Iterator[tuple[str, Features]]:
         raise ElfError(f"{path}: not a shard of features: {first_line(error)}") from error
 
 
-def parquet_records(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    """The names and records alone; raises as `read_parquet`."""
+def parquet_records(file: BinaryIO, shard: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The names and records alone, of an open file; `shard` is its name for errors, as of `read_parquet`."""
     try:
-        table = needed("pyarrow.parquet").read_table(path, columns=["name", "record"])
-        pairs = [
-            (name, json.loads(text))
-            for name, text in zip(*(table[column].to_pylist() for column in table.column_names), strict=True)
-        ]
+        table = needed("pyarrow.parquet").read_table(file, columns=["name", "record"])
+        names, texts = table["name"].to_pylist(), table["record"].to_pylist()
+        records = [json.loads(text) for text in texts]
     except (LookupError, OSError, TypeError, ValueError) as error:
-        raise ElfError(f"{path}: not a shard of features: {first_line(error)}") from error
-    yield from pairs
+        raise ElfError(f"{shard}: not a shard of features: {first_line(error)}") from error
+    yield from zip(names, records, strict=True)
 
 
 def _features(batch: Any, row: int) -> Features:

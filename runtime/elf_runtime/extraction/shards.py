@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Iterator, Mapping, Set
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from elf_runtime.errors import ElfError, first_line
 from elf_runtime.results.features import Features
@@ -77,7 +77,8 @@ def read_shard(file: Path) -> Iterator[tuple[str, Features]]:
         yield from read_parquet(file)
         return
     found = read_features(file)
-    records = dict(_records(file))
+    with file.open("rb") as opened:
+        records = dict(_records(opened, file.name))
     for name, features in found.items():
         yield name, replace(features, record=records.get(name))
 
@@ -86,8 +87,8 @@ def contents(store: Store) -> dict[str, dict[str, str]]:
     """Name of an image -> the shards that have it, each with the `digest` of its record there."""
     found: dict[str, dict[str, str]] = {}
     for shard in store.shards():
-        with store.fetched(shard) as file:
-            for name, record in _records(file):
+        with store.opened(shard) as file:
+            for name, record in _records(file, shard):
                 found.setdefault(name, {})[shard] = digest(record)
     return found
 
@@ -107,9 +108,10 @@ def digest(data: Any) -> str:
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:32]
 
 
-def _records(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    if file.suffix == ".parquet":
-        yield from parquet_records(file)
+def _records(file: BinaryIO, shard: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The names and records of an open shard, without the features."""
+    if shard.endswith(".parquet"):
+        yield from parquet_records(file, shard)
         return
     names: list[tuple[str, dict[str, Any]]] = []
 
@@ -121,5 +123,5 @@ def _records(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
         with needed("h5py", "h5").File(file, "r") as groups:
             groups.visititems(visit)
     except (LookupError, OSError, TypeError, ValueError) as error:
-        raise ElfError(f"{file}: not a shard of features: {first_line(error)}") from error
+        raise ElfError(f"{shard}: not a shard of features: {first_line(error)}") from error
     yield from names

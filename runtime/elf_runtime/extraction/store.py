@@ -136,6 +136,16 @@ class Store:
         with storage_errors(self.url(name)), suppress(FileNotFoundError):
             self.system.rm_file(f"{self.path}/{name}")
 
+    def remove_shards(self) -> None:
+        for name in self.shards():
+            self.remove(name)
+
+    @contextmanager
+    def opened(self, name: str) -> Iterator[Any]:
+        """A file for reading, of which only what is asked for is fetched."""
+        with storage_errors(self.url(name)), self.system.open(f"{self.path}/{name}", "rb") as file:
+            yield file
+
     @contextmanager
     def fetched(self, name: str) -> Iterator[Path]:
         """A file as a local one, a copy where it is not."""

@@ -1,4 +1,4 @@
-"""A file system of fsspec that is none of its own: ``disk:///folder/1.jpg``.  Processes that use it can be made to die."""
+"""A file system of fsspec that is none of its own, ``disk:///folder/1.jpg``, whose users can be made to die."""
 
 from __future__ import annotations
 

@@ -178,6 +178,7 @@ def test_an_output_that_takes_nothing_ends_the_run(
         (("clip.mp4",), "for images"),
         (("in", "--picture"), "--picture"),
         (("in", "--limit", "3"), "--limit"),
+        (("in", "--skip-existing", "--overwrite"), "give one"),
         ((), "nothing to detect in"),
         (("in/0.png", "in/x/0.png", "--base", "elsewhere"), "not below it"),
         (("nowhere://bucket/photos",), "nowhere"),

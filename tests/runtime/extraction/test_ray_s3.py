@@ -52,8 +52,8 @@ def test_images_and_shards_are_in_a_bucket(bucket: str, tmp_path: Path, capsys: 
     images = [write(tmp_path / "in" / f"{index}.png", seed=index) for index in range(4)]
     s3fs.S3FileSystem().put(str(tmp_path / "in"), "elf/in", recursive=True)
     options = ("--model", str(TINY), "--threads", "1")
-    run = (f"{bucket}/in/*.png", "-o", f"{bucket}/out", "--engine", "ray", "--shard-size", "2", *options)
-    assert main([*run]) == 0
+    run = ("-o", f"{bucket}/out", "--engine", "ray", "--shard-size", "2", *options)
+    assert main([f"{bucket}/in/*.png", *run]) == 0
     assert main([str(image) for image in images] + ["-o", str(tmp_path / "out"), *options]) == 0
     rows = list(read_shards(f"{bucket}/out"))
     assert [name for name, _ in rows] == ["0.png", "1.png", "2.png", "3.png"]
@@ -63,5 +63,5 @@ def test_images_and_shards_are_in_a_bucket(bucket: str, tmp_path: Path, capsys: 
         np.testing.assert_array_equal(found.descriptors, expected.descriptors)
     assert len(s3fs.S3FileSystem().ls("elf/out", refresh=True)) == 2
     capsys.readouterr()
-    assert main([*run, "--skip-existing"]) == 0
+    assert main([bucket, "-r", "--base", f"{bucket}/in", *run, "--skip-existing"]) == 0
     assert "4 skipped" in capsys.readouterr().out
