@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from typing import BinaryIO
 
 from .form import Format, Header
 
-_SCAN, _END = 0xDA, 0xD9
+_SCAN, _END, _APP1 = 0xDA, 0xD9, 0xE1
+_EXIF = b"Exif\0\0"
 
 
 def _is_alone(marker: int) -> bool:
@@ -17,21 +19,41 @@ def _is_alone(marker: int) -> bool:
 
 def _parse(_: bytes, file: BinaryIO) -> Header:
     """By the frame header, which may lie behind megabytes of metadata."""
+    for marker, at in _segments(file):
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            file.seek(at + 5)
+            height, width = struct.unpack(">HH", file.read(4))
+            return Header("JPEG", width, height)
+    return Header("JPEG")
+
+
+def read_exif(file: BinaryIO) -> bytes:
+    """The EXIF data of a JPEG file, which are laid out as a TIFF file; empty where it has none."""
+    for marker, at in _segments(file):
+        if marker == _APP1:
+            file.seek(at + 2)
+            (length,) = struct.unpack(">H", file.read(2))
+            data = file.read(length - 2) if length > 2 else b""
+            if data.startswith(_EXIF):
+                return data[len(_EXIF) :]
+    return b""
+
+
+def _segments(file: BinaryIO) -> Iterator[tuple[int, int]]:
+    """Marker and place of each segment, up to the scan or to what is no segment."""
     at = 2
     while True:
         file.seek(at)
-        segment = file.read(9)
+        segment = file.read(4)
         if len(segment) < 4 or segment[0] != 0xFF:
-            return Header("JPEG")
+            return
         marker = segment[1]
         if _is_alone(marker):
             at += 1 if marker == 0xFF else 2
             continue
-        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            height, width = struct.unpack_from(">HH", segment, 5)
-            return Header("JPEG", width, height)
         if marker in (_END, _SCAN):
-            return Header("JPEG")
+            return
+        yield marker, at
         at += 2 + max(2, struct.unpack_from(">H", segment, 2)[0])
 
 

@@ -1,0 +1,43 @@
+"""pycolmap, which only this room needs: imported when it is used, and kept from writing to the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from typing import Any
+
+from elf_runtime.errors import ElfError, first_line
+
+SEED = 0  # of all random samples: the same input gives the same result, on one thread
+
+
+def pycolmap() -> Any:
+    """The module.
+
+    Raises
+    ------
+    ElfError
+        If it is not installed, can't be loaded, or is older than what is used of it.
+    """
+    try:
+        module = import_module("pycolmap")
+    except Exception as error:  # a library that does not fit raises what it likes
+        missing = isinstance(error, ModuleNotFoundError) and error.name == "pycolmap"
+        why = "is not installed" if missing else f"can't be loaded ({first_line(error)})"
+        raise ElfError(f'reconstruction needs pycolmap, which {why}: pip install "elf-onnx[sfm]"') from error
+    if not hasattr(module, "Rig"):
+        raise ElfError('this pycolmap is too old for reconstruction: pip install --upgrade "elf-onnx[sfm]"')
+    return module
+
+
+@contextmanager
+def quiet() -> Iterator[Any]:
+    """pycolmap with nothing logged below errors; what it was set to comes back."""
+    module = pycolmap()
+    before = module.logging.minloglevel
+    module.logging.minloglevel = int(module.logging.ERROR)
+    try:
+        yield module
+    finally:
+        module.logging.minloglevel = before
