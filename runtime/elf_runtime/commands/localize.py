@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.errors import ElfError, printable, reason
+from elf_runtime.errors import ElfError, SettingError, printable, reason
 from elf_runtime.image.exif import focal_length
 from elf_runtime.image.file import image_errors, read
 from elf_runtime.params import DetectionParams
@@ -79,6 +79,8 @@ def _work(args: argparse.Namespace) -> int:
     for path in paths:
         try:
             found = _localized(elf, scene, path, args)
+        except SettingError:  # the same for all
+            raise
         except (ElfError, OSError) as error:
             command.report("elf-localize", error)
             results.append({"image": str(path), "error": str(error)})

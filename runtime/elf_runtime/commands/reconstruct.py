@@ -140,10 +140,20 @@ def _check_options(args: argparse.Namespace) -> list[str]:
         raise UsageError(f"-o {args.output}: it {why}")
     check_outputs({"--json": [args.json]}, {"the model": [args.model]})
     names = [path.relative_to(args.folder).as_posix() for path in image_files([str(args.folder)], recursive=True)]
+    if unknown := [name for name in names if not _is_unicode(name)]:
+        raise UsageError(f"{args.folder / unknown[0]}: COLMAP takes names in Unicode only; rename the file")
     pairs_of(names, args.pairs)
     if len(names) < 2:
         raise UsageError(f"{args.folder}: a reconstruction needs two images, and this folder has one")
     return names
+
+
+def _is_unicode(name: str) -> bool:
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from elf_runtime.results.features import Features
 from elf_runtime.results.matches import Matches
 
 from . import command, options
-from .outputs import short_name, write_picture
+from .outputs import write_picture
 from .terminal import say
 
 _PATIENCE = 5.0  # seconds of work without a line
@@ -125,7 +125,7 @@ class Steps:
     def _draw(self, model: Model, images: int, path: Path) -> None:
         poses = list(model.poses.values())
         rotations, centers = (np.array([getattr(pose, name) for pose in poses]) for name in ("rotation", "center"))
-        name, counts = short_name(real(self._args.folder)), f"{len(poses)} of {images} images, {len(model.xyz)} points"
+        name, counts = real(self._args.folder).name, f"{len(poses)} of {images} images, {len(model.xyz)} points"
         write_picture(path, scene_picture(model.xyz, model.colors, rotations, centers, name, counts))
 
     def _say_result(self, models: Sequence[Model], images: int) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -9,6 +11,7 @@ from typing import Any
 
 from elf_runtime.errors import ElfError, first_line
 
+_OLDEST = 4  # major version
 SEED = 0  # of all random samples: the same input gives the same result, on one thread
 
 
@@ -21,14 +24,27 @@ def pycolmap() -> Any:
         If it is not installed, can't be loaded, or is older than what is used of it.
     """
     try:
-        module = import_module("pycolmap")
+        with _signals_kept():
+            module = import_module("pycolmap")
     except Exception as error:  # a library that does not fit raises what it likes
         missing = isinstance(error, ModuleNotFoundError) and error.name == "pycolmap"
         why = "is not installed" if missing else f"can't be loaded ({first_line(error)})"
         raise ElfError(f'reconstruction needs pycolmap, which {why}: pip install "elf-onnx[sfm]"') from error
-    if not hasattr(module, "Rig"):
-        raise ElfError('this pycolmap is too old for reconstruction: pip install --upgrade "elf-onnx[sfm]"')
+    if int(module.__version__.partition(".")[0]) < _OLDEST:
+        raise ElfError(
+            f"reconstruction needs pycolmap {_OLDEST}.0 or later, and this is {module.__version__}: "
+            'pip install --upgrade "elf-onnx[sfm]"'
+        )
     return module
+
+
+@contextmanager
+def _signals_kept() -> Iterator[None]:
+    """Keep what SIGTERM does: pycolmap's logging would have it print a stack of C++ and end the process at once."""
+    before = signal.getsignal(signal.SIGTERM)
+    yield
+    if before is not None and threading.current_thread() is threading.main_thread():  # only there can it be set
+        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -48,6 +50,15 @@ def test_without_pycolmap_the_extra_is_named(
     assert sorted(path.name for path in folder.iterdir()) == ["photos"]
 
 
+def test_an_older_pycolmap_is_said_to_be_too_old(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "pycolmap", SimpleNamespace(__version__="3.13.0"))
+    status, text = failed(reconstruct, capsys, folder / "photos", "-o", folder / "out")
+    assert status == 1
+    assert text.startswith("reconstruction needs pycolmap 4.0 or later, and this is 3.13.0: pip install")
+
+
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
@@ -77,6 +88,13 @@ def test_a_folder_that_is_not_there_or_has_one_image(folder: Path, capsys: pytes
     (folder / "photos" / "b.png").unlink()
     status, text = failed(reconstruct, capsys, folder / "photos", "-o", folder / "out")
     assert (status, "needs two images" in text) == (2, True)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="this system's names are Unicode")
+def test_a_name_that_is_not_unicode(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path(os.fsdecode(os.fsencode(folder / "photos") + b"/\xff.png")).write_bytes(b"")
+    status, text = failed(reconstruct, capsys, folder / "photos", "-o", folder / "out")
+    assert (status, "names in Unicode only" in text) == (2, True)
 
 
 @pytest.mark.parametrize(

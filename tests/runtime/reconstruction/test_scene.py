@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -192,3 +195,35 @@ def test_an_image_of_another_scene_has_no_place_in_this_one(
     assert other["localized"] is False
     assert no_image["error"] in captured.err
     assert "palace.jpg: not placed" in captured.err
+
+
+def test_the_python_of_the_page_runs(new: View, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (ROOT / "docs" / "pipelines.md").read_text(encoding="utf-8")
+    (tmp_path / "photos").mkdir()
+    for number in (0, 2, 4, 6):
+        cv2.imwrite(str(tmp_path / "photos" / f"{number}.jpg"), views()[number].image)
+    cv2.imwrite(str(tmp_path / "new.png"), new.image)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    exec(page.split("```python\n")[1].split("```")[0], names)
+    (model,) = names["models"]
+    assert len(model.poses) == 4
+    assert (tmp_path / "out" / "0" / "images.bin").is_file()
+    assert names["found"].inliers > 100
+
+
+def test_sigterm_while_images_are_placed_leaves_nothing(photos: Path, tmp_path: Path) -> None:
+    """Although pycolmap's logging installs a handler of its own, which ends the process at once."""
+    command = [sys.executable, "-m", "elf_runtime.commands.reconstruct", str(photos), "-o", str(tmp_path / "out")]
+    env = {**os.environ, "PYTHONPATH": str(ROOT / "runtime")}
+    with subprocess.Popen(
+        [*command, *GIVEN, *THREADS], env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            if "3 images placed" in line:
+                process.terminate()
+                break
+        assert process.stdout.read().splitlines()[-1] == "elf-reconstruct: terminated"
+    assert process.returncode == 143
+    assert list(tmp_path.iterdir()) == []
