@@ -197,6 +197,34 @@ def test_an_image_of_another_scene_has_no_place_in_this_one(
     assert "palace.jpg: not placed" in captured.err
 
 
+def test_a_damaged_image_is_left_out_and_a_scene_is_replaced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    few, out = tmp_path / "few", tmp_path / "out"
+    few.mkdir()
+    for number in (0, 2, 4, 6):
+        cv2.imwrite(str(few / f"{number}.png"), views()[number].image)
+    (few / "5.png").write_bytes((few / "4.png").read_bytes()[:5000])
+    out.mkdir()
+    (out / "reconstruction.json").write_text("{}")
+    (out / "old").write_text("")
+    given = f"SIMPLE_RADIAL:{FOCAL},{K[0, 2] + 0.5},{K[1, 2] + 0.5},0"
+    options = ("--camera", given, "--refine-intrinsics", "--share", "image", "--overwrite", "--max-keypoints", 800)
+    assert run(reconstruct, few, "-o", out, *options) == 1
+    assert "5.png: the PNG file is cut off" in capsys.readouterr().err
+    found = record(out)
+    assert list(found["images"]) == ["0.png", "2.png", "4.png", "6.png"]
+    assert {image["keypoints"] for image in found["images"].values()} == {800}
+    assert len(found["cameras"]) == found["registered"] == 4
+    for camera in found["cameras"]:
+        focal, x, y, k = camera["params"]
+        assert focal == pytest.approx(FOCAL, rel=0.05)
+        assert (x, y) == (K[0, 2] + 0.5, K[1, 2] + 0.5)
+        assert focal != FOCAL
+        assert k != 0
+    assert not (out / "old").exists()
+
+
 def test_the_python_of_the_page_runs(new: View, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = (ROOT / "docs" / "pipelines.md").read_text(encoding="utf-8")
     (tmp_path / "photos").mkdir()
