@@ -45,6 +45,8 @@ def _work(args: argparse.Namespace) -> int:
     endings = ["npz", "csv"]
     if args.picture or (args.picture is None and total == 1 and stills):
         endings.append("png")
+    if args.explain:
+        endings.append("explain.png")
     _check(args, stills, endings)
     elf, workers = _opened(args, stills, total)
     extract = _extractor(elf, args, endings)
@@ -104,7 +106,7 @@ def _check(args: argparse.Namespace, stills: Sequence[Still], endings: Sequence[
         {"an input image": [*paths, *args.images], "the mask": [args.mask], "the model": [args.model]},
         made=args.output,
     )
-    if "png" in endings:
+    if endings[-1].endswith("png"):
         check_pictures(args.images, [still.path for still in stills], args.output, args.recursive)
 
 
@@ -164,7 +166,7 @@ class _Run:
     def _line(self, result: Mapping[str, Any]) -> str:
         """What is said of an image that is done."""
         first, *others = result["files"]
-        files = ", ".join([first, *(Path(file).suffix for file in others)])
+        files = ", ".join([first, *(file.removeprefix(first.removesuffix(".npz")) for file in others)])
         name = result["image"] + (f", frame {result['frame']}" if "frame" in result else "")
         if result["skipped"]:
             return printable(f"{name}: skipped, {files} are of these pixels, model and settings")
