@@ -15,6 +15,12 @@ FUNCTIONS = re.findall(r"^- `(elf_\w+)\.([\w.]+)\.(\w+)`$", PAGE, re.MULTILINE)
 EXPORTS = pytest.param("elf_export", marks=pytest.mark.torch)
 
 
+def test_what_reconstruction_exports_is_there_without_pycolmap() -> None:
+    assert "What `elf_runtime.reconstruction` exports (its `__all__`) is public" in PAGE
+    room = import_module("elf_runtime.reconstruction")
+    assert all(callable(getattr(room, name)) for name in room.__all__)
+
+
 @pytest.mark.parametrize("package", ["elf_runtime", EXPORTS])
 def test_what_is_called_public_is_there(package: str) -> None:
     functions = [(module, name) for home, module, name in FUNCTIONS if home == package]

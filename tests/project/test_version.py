@@ -16,8 +16,9 @@ SCRIPTS = dict(
 )
 
 
-def test_there_are_six_commands() -> None:
-    assert set(SCRIPTS) == {f"elf-{name}" for name in ("bench", "detect", "eval", "export", "info", "match")}
+def test_there_are_nine_commands() -> None:
+    names = ("bench", "detect", "eval", "export", "info", "localize", "match", "reconstruct", "view")
+    assert set(SCRIPTS) == {f"elf-{name}" for name in names}
 
 
 @pytest.mark.parametrize("command", SCRIPTS)

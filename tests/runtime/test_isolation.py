@@ -7,13 +7,13 @@ import sys
 
 from helpers import ROOT
 
-FORBIDDEN = ("torch", "onnx", "onnxscript", "elf_export", "h5py", "scipy", "matplotlib")
+FORBIDDEN = ("torch", "onnx", "onnxscript", "elf_export", "h5py", "pycolmap", "scipy", "matplotlib")
 
 DETECT = """
 import sys
 import numpy as np
 import elf_runtime
-from elf_runtime.commands import bench, detect, info, match
+from elf_runtime.commands import bench, detect, info, localize, match, reconstruct
 elf = elf_runtime.ElfRuntime()
 found = elf.detect(np.random.default_rng(0).integers(0, 256, (64, 96, 3), np.uint8))
 assert len(found.descriptors) == len(found)

@@ -43,6 +43,8 @@ def _work(args: argparse.Namespace) -> int:
     endings = ["npz", "csv"]
     if args.picture or (args.picture is None and total == 1 and stills):
         endings.append("png")
+    if args.explain:
+        endings.append("explain.png")
     _check(args, stills, endings)
     elf, workers = _opened(args, stills, total)
     extract = _extractor(elf, args, endings)
@@ -110,7 +112,7 @@ def _check(args: argparse.Namespace, stills: Sequence[Still], endings: Sequence[
         {"an input image": [*paths, *args.images], "the mask": [args.mask], "the model": [args.model]},
         made=args.output,
     )
-    if "png" in endings:
+    if endings[-1].endswith("png"):
         check_pictures(args.images, [still.path for still in stills], args.output, args.recursive)
 
 

@@ -20,6 +20,9 @@ For every image photos/NAME.jpg, DIR gets
                     nms_radius, sizes (N,), angles (N,), and a record of image, model and settings
   photos/NAME.csv   x,y,score,size,angle
   photos/NAME.png   a picture: keypoints, saliency and threshold side by side; of a single image, else with --picture
+  photos/NAME.explain.png
+                    with --explain: a sheet of image, keypoints, and each working scale's saliency, blurred map with the
+                    level's contour, and histogram with Kapur's level and the entropy that it maximises
 Where a folder has NAME.png too, they are called NAME.jpg.npz and so on.  Frame 12 of clip.mp4 is clip/000012, and that
 of a camera camera0/DATE-TIME/000012.
 DIR mirrors the images' folders as they are given; of absolute paths what is below the folder given, or --base.
@@ -76,6 +79,9 @@ def build_parser() -> Parser:
         "--picture",
         action=argparse.BooleanOptionalAction,
         help="write NAME.png, or not; by default for a single image",
+    )
+    parser.add_argument(
+        "--explain", action="store_true", help="write NAME.explain.png, which shows how the keypoints came about"
     )
     parser.add_argument("--every", type=options.positive, default=1, metavar="N", help="every Nth frame of videos")
     parser.add_argument("--limit", type=options.positive, metavar="N", help="at most N frames of each video or camera")

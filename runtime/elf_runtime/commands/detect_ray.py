@@ -113,8 +113,8 @@ def _check(args: argparse.Namespace) -> None:
     videos = [word for word in args.images if Path(word).suffix.lower() in VIDEO_SUFFIXES and not Path(word).is_dir()]
     if videos or args.camera is not None or args.every != 1 or args.limit is not None:
         raise UsageError("--engine ray is for images; videos, --camera, --every and --limit are for --engine local")
-    if args.picture:
-        raise UsageError("--engine ray draws no pictures; leave out --picture")
+    if args.picture or args.explain:
+        raise UsageError("--engine ray draws no pictures; leave out --picture and --explain")
     if not args.images:
         raise UsageError("nothing to detect in: give images, folders, patterns or URLs")
     if args.json == args.jsonl == "-":

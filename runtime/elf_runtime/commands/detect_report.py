@@ -74,7 +74,7 @@ class Run:
     def _line(self, result: Mapping[str, Any]) -> str:
         """What is said of an image that is done."""
         first, *others = result["files"]
-        files = ", ".join([first, *(Path(file).suffix for file in others)])
+        files = ", ".join([first, *(file.removeprefix(first.removesuffix(".npz")) for file in others)])
         name = result["image"] + (f", frame {result['frame']}" if "frame" in result else "")
         if result["skipped"]:
             return printable(f"{name}: skipped, {files} are of these pixels, model and settings")

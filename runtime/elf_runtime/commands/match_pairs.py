@@ -151,10 +151,10 @@ def members(folder: Path, recursive: bool) -> list[Path]:
         found = [path for path in shown if path.suffix == FEATURE_SUFFIX and path.is_file()]
         if not found:
             raise
-    return sorted(found, key=_natural)
+    return sorted(found, key=natural)
 
 
-def _natural(path: Path) -> tuple[list[tuple[int, str]], str]:
+def natural(path: Path) -> tuple[list[tuple[int, str]], str]:
     """Sorts 2.jpg before 10.jpg."""
     parts = re.split(r"(\d+)", str(path))
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts], str(path)

@@ -106,6 +106,10 @@ def add_image_options(parser: argparse.ArgumentParser) -> None:
         help="take images as they are stored, as COLMAP does; by default they are turned as their EXIF orientation "
         "says, and keypoints are in the turned image (OpenCV turns TIFF files in any case)",
     )
+    add_max_pixels_option(parser)
+
+
+def add_max_pixels_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--max-pixels", type=positive, default=MAX_PIXELS, metavar="N",
         help=f"refuse image files of more pixels before decoding them; default: {MAX_PIXELS:,}",
