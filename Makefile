@@ -47,9 +47,9 @@ lint: $(FULL)/ready
 	$(FULL)/bin/mypy
 	$(FULL)/bin/lint-imports --no-cache
 
-# Strictly: a link that leads nowhere ends it.
+# A link that leads nowhere ends it; not with --quiet, which hides warnings from --strict.
 docs: $(DOCS)/ready
-	NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs build --quiet
+	NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs build --strict
 	@echo "Open out/site/index.html"
 
 bench: $(FULL)/ready

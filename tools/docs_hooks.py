@@ -29,7 +29,7 @@ def place(path: Path) -> str:
     """Where a file or folder of the repository is in the site's sources."""
     if path.is_relative_to(DOCS):
         return path.relative_to(DOCS).as_posix()
-    name = path.relative_to(ROOT)
+    name = Path(*(part.lstrip(".") for part in path.relative_to(ROOT).parts))  # mkdocs leaves hidden files out
     if path.is_dir():
         return f"project/{(name / 'index.md').as_posix()}"
     return f"project/{name.as_posix()}" + ("" if path.suffix in {".md", *ASSETS} else ".md")

@@ -2,7 +2,7 @@
 
 What can't run everywhere says so in a comment before it, in one of two forms:
 
-    <!-- needs: torch, onnx -->      runs where these modules can be imported
+    <!-- needs: h5py, torch -->      runs where these modules can be imported
     <!-- not run: the reason -->     never runs; commands are parsed all the same
 """
 

@@ -28,6 +28,7 @@ NAVIGATION = re.findall(r"^ +- [^:\n]+: (\S+\.md)$", CONFIGURATION, re.MULTILINE
         ("docs/usage.md", "../runtime/elf_runtime/params.py", "project/runtime/elf_runtime/params.py.md"),
         ("docs/usage.md", "../export/elf_export/checks", "project/export/elf_export/checks/index.md"),
         ("docs/usage.md", "../examples/notebooks/first_hour.ipynb", "project/examples/notebooks/first_hour.ipynb"),
+        ("CONTRIBUTING.md", ".github/workflows/ci.yml", "github/workflows/ci.yml.md"),
         ("models/README.md", "../docs/quality.md", "../../quality.md"),
         ("models/README.md", "../evaluation/README.md", "../evaluation/README.md"),
         ("docs/usage.md", "https://example.org/docs/usage.md", "https://example.org/docs/usage.md"),
