@@ -25,8 +25,8 @@ ELSEWHERE = {
     "docs/usage.md": "tests/project/test_readme.py",
     "docs/library.md": "tests/export/test_library.py",
 }
-# Pages whose commands run as well, between the blocks of Python, and what all of the page needs; commands of other pages
-# are parsed only.
+# Pages whose commands run as well, between the blocks of Python, and what the whole page needs.  The commands of other
+# pages are parsed only.
 TOP_TO_BOTTOM: dict[str, tuple[str, ...]] = {
     "docs/first-hour.md": (),
     "docs/export-your-network.md": ("torch", "onnx"),
