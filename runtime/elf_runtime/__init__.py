@@ -17,6 +17,7 @@ from .geometry.refine import refine
 from .geometry.two_view import TwoView
 from .model.ort_format import to_ort
 from .params import DetectionParams
+from .pictures.explanation import draw_explanation
 from .pictures.pair import draw_matches
 from .pictures.render import draw_keypoints
 from .presets import PRESETS, preset
@@ -47,6 +48,7 @@ __all__ = [
     "Trace",
     "TwoView",
     "WeightsSpec",
+    "draw_explanation",
     "draw_keypoints",
     "draw_matches",
     "estimate",

@@ -16,8 +16,8 @@ SCRIPTS = dict(
 )
 
 
-def test_there_are_eight_commands() -> None:
-    names = ("bench", "detect", "eval", "export", "info", "localize", "match", "reconstruct")
+def test_there_are_nine_commands() -> None:
+    names = ("bench", "detect", "eval", "export", "info", "localize", "match", "reconstruct", "view")
     assert set(SCRIPTS) == {f"elf-{name}" for name in names}
 
 

@@ -128,8 +128,9 @@ def is_written(path: Path) -> bool:
     """Whether an image is a picture that elf-detect wrote of another one."""
     if path.suffix.lower() != ".png":
         return False
-    record = load_record(path.with_suffix(".npz"))
-    return record is not None and record.get("image") != os.path.realpath(path)
+    stem = path.name.removesuffix(".png").removesuffix(".explain")
+    records = [load_record(file) for file in {path.with_suffix(".npz"), path.with_name(f"{stem}.npz")}]
+    return any(record is not None and record.get("image") != os.path.realpath(path) for record in records)
 
 
 def check_pictures(arguments: Sequence[str], paths: Sequence[Path], output: Path, recursive: bool) -> None:

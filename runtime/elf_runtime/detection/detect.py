@@ -16,7 +16,7 @@ from .grid import cell_of, passing_by_cell
 from .pyramid import Candidates, merged
 from .refine import quadratic_peaks
 from .select import Index, select_keypoints
-from .threshold import blurred, passing
+from .threshold import blurred, lowest_passing, reaching
 from .upright import UprightPatches
 from .working_image import Levels, WorkingImage
 
@@ -80,14 +80,17 @@ def _maxima(seen: Seen, params: DetectionParams, watch: Stopwatch) -> tuple[Leve
         scores, smooth = blurred(seen.saliency, params, allowed)
     with watch("threshold"):
         if params.grid == (1, 1):
-            mask = passing(scores, smooth, params, allowed)
+            level, histogram = lowest_passing(scores, smooth, params, allowed)
+            mask = reaching(scores, level, allowed)
         else:
+            level, histogram = np.nan, None
             mask = passing_by_cell(seen.saliency, params, allowed)
     with watch("nms"):
         found, strength = select_keypoints(scores, mask, image, params)
         # The paper's scores were of 8 bits so far.
         values, best = scores.astype(np.float32, copy=False), strength.astype(np.float32, copy=False)
-    return Level(image.scaling.scale, seen.saliency, values, mask), found, best
+    kept = smooth.astype(np.float32, copy=False) if params.grid == (1, 1) else None
+    return Level(image.scaling.scale, seen.saliency, values, mask, float(level), kept, histogram), found, best
 
 
 def _across_scales(
@@ -124,7 +127,7 @@ def nothing_found(images: Levels, dim: int, params: DetectionParams, watch: Stop
     levels = []
     for image in images:
         zero = np.zeros(image.scaling.working, np.float32)
-        levels.append(Level(image.scaling.scale, zero, zero, np.zeros(zero.shape, np.bool_)))
+        levels.append(Level(image.scaling.scale, zero, zero, np.zeros(zero.shape, np.bool_), 0.0, zero))
     points, scores, descriptors = (np.zeros(shape, np.float32) for shape in ((0, 2), (0,), (0, dim)))
     features = Features(points, scores, descriptors, images[0].scaling.source, params.nms_radius)
     return Trace(features, tuple(levels), watch.seconds)

@@ -6,46 +6,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from elf_runtime.entropy import kapur
 from elf_runtime.params import DetectionParams
 from elf_runtime.values import Blur
 
 Array = npt.NDArray[np.float32]
 Scores = npt.NDArray[np.number]  # float32 or uint8
 Mask = npt.NDArray[np.bool_]
-
-
-def kapur(histogram: npt.NDArray[np.integer] | npt.NDArray[np.floating]) -> int:
-    """Kapur's maximum-entropy threshold of a histogram.
-
-    Kapur, Sahoo, Wong, "A new method for gray-level picture thresholding using the entropy of the histogram",
-    CVGIP 1985.  With p the normalised histogram and P_t = p_0 + ... + p_t, the level t maximises
-
-        H(t) = H(p_0..p_t / P_t) + H(p_{t+1}..p_{L-1} / (1 - P_t))
-             = ln P_t + h_t / P_t  +  ln (1 - P_t) + (h_{L-1} - h_t) / (1 - P_t),   h_t = -sum_{i<=t} p_i ln p_i
-
-    Parameters
-    ----------
-    histogram : (L,) counts
-
-    Returns
-    -------
-    int
-        t in [0, L-2]: bins <= t are background, bins > t are foreground.  The first maximiser on ties.
-        -1 where no level leaves both classes non-empty (fewer than two occupied bins).
-    """
-    counts = np.asarray(histogram, np.float64)
-    if np.count_nonzero(counts) < 2:
-        return -1
-    p = counts / counts.sum()
-    entropy = -p * np.log(p, out=np.zeros_like(p), where=p > 0)
-    below, h = np.cumsum(p)[:-1], np.cumsum(entropy)[:-1]
-    # The classes' masses, each from its own end: 1 - cumsum would leave rounding dust in an empty class.
-    above, h_above = np.cumsum(p[::-1])[::-1][1:], np.cumsum(entropy[::-1])[::-1][1:]
-    valid = (below > 0) & (above > 0)
-    total = np.full(below.shape, -np.inf)
-    b, a = below[valid], above[valid]
-    total[valid] = np.log(b) + h[valid] / b + np.log(a) + h_above[valid] / a
-    return int(np.argmax(total))
 
 
 def gaussian(image: Scores, blur: Blur) -> Scores:
@@ -140,22 +107,39 @@ def passing(scores: Scores, smooth: Scores, params: DetectionParams, allowed: Ma
     -------
     (H, W) bool
     """
-    passed = scores >= level if (level := _level(scores, smooth, params, allowed)) > 0 else scores > 0
+    return reaching(scores, lowest_passing(scores, smooth, params, allowed)[0], allowed)
+
+
+def reaching(scores: Scores, level: float, allowed: Mask | None = None) -> Mask:
+    """The pixels, of those `allowed`, whose score is at least `level`, and above 0."""
+    passed = scores >= level if level > 0 else scores > 0
     return passed if allowed is None else passed & allowed
 
 
-def _level(scores: Scores, smooth: Scores, params: DetectionParams, allowed: Mask | None) -> float:
-    """The lowest score that passes; 0 where all above 0 do: a zero score is no keypoint, whatever the level."""
+def lowest_passing(
+    scores: Scores, smooth: Scores, params: DetectionParams, allowed: Mask | None = None
+) -> tuple[float, Array | None]:
+    """The lowest score that passes, and the histogram, (256,), that Kapur's level is chosen from; None without it.
+
+    0 where all above 0 pass: a zero score is no keypoint, whatever the level.
+    """
     if params.threshold == "none":
-        return 0.0
+        return 0.0, None
+    counts = None
     if params.threshold == "kapur":
-        # A float map has the same 256 bins as an 8-bit one: [i, i+1), the last one closed.
-        # Counts come as float32: exact up to 2^24 pixels in one bin.
-        of = None if allowed is None else allowed.view(np.uint8)
-        counts = cv2.calcHist([smooth.astype(np.uint8, copy=False)], [0], of, [256], [0, 256]).ravel()
+        counts = histogram(smooth, allowed)
         level = float(kapur(counts) + 1)  # the lowest value of the bins above; 0 where one bin holds everything
     else:
         level = 255.0 * float(params.threshold)
     if scores.dtype == np.uint8:
         level = int(np.ceil(np.float32(level)))  # the same pixels, without a detour through floats
-    return level
+    return level, counts
+
+
+def histogram(smooth: Scores, allowed: Mask | None = None) -> Array:
+    """Pixels, of those `allowed`, in each of 256 bins, (256,): [i, i + 1), the last one closed, as of an 8-bit map.
+
+    Counts come as float32: exact up to 2^24 pixels in one bin.
+    """
+    of = None if allowed is None else allowed.view(np.uint8)
+    return np.asarray(cv2.calcHist([smooth.astype(np.uint8, copy=False)], [0], of, [256], [0, 256]).ravel(), np.float32)

@@ -16,6 +16,7 @@ import elf_runtime
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError, printable
 from elf_runtime.params import DetectionParams
+from elf_runtime.pictures.explanation import draw_explanation
 from elf_runtime.pictures.file import short_name, write_picture
 from elf_runtime.pictures.render import detection_picture
 from elf_runtime.results.features import load_record
@@ -36,7 +37,7 @@ class Extractor:
     mask : (H, W) bool array, optional
         Of all images.
     endings : sequence of str
-        Of the files that each image gets: "npz", "csv", "png".
+        Of the files that each image gets: "npz", "csv", "png", "explain.png".
     record : mapping
         What an ``.npz`` says of model and settings.
     """
@@ -87,6 +88,9 @@ class Extractor:
             trace.features.save(f"{frame.stem}.csv")
         if "png" in self.endings:
             write_picture(Path(f"{frame.stem}.png"), detection_picture(pixels, trace, short_name(frame.name)))
+        if "explain.png" in self.endings:
+            sheet = draw_explanation(pixels, trace, short_name(frame.name))
+            write_picture(Path(f"{frame.stem}.explain.png"), sheet)
         return {
             **frame.told(),
             "files": files,

@@ -48,14 +48,14 @@ def titled(picture: Picture, text: str, counts: str = "", legend: bool = False) 
     width = picture.shape[1]
     strip = np.full((30, width, 3), DARK, np.uint8)
     text = _fitted(drawable(text), drawable(f"  {counts}" if text and counts else counts), width - 16)
-    _write(strip, text, 8)
-    bar, weak, strong = 80, _text_width("weak"), _text_width("strong")
+    write(strip, text, 8)
+    bar, weak, strong = 80, text_width("weak"), text_width("strong")
     x = width - (weak + bar + strong + 24)
-    if legend and x > _text_width(text) + 24:
-        _write(strip, "weak", x)
+    if legend and x > text_width(text) + 24:
+        write(strip, "weak", x)
         x += weak + 8
         strip[9:21, x : x + bar] = np.array(strength_colors(bar)[::-1], np.uint8)
-        _write(strip, "strong", x + bar + 8)
+        write(strip, "strong", x + bar + 8)
     return np.concatenate([strip, picture])
 
 
@@ -67,12 +67,12 @@ def drawable(text: str) -> str:
 
 def _fitted(text: str, counts: str, width: int) -> str:
     """`text` and `counts` within `width` pixels: of the text only the end, behind dots, and cut if that is too long."""
-    if _text_width(text + counts) <= width:
+    if text_width(text + counts) <= width:
         return text + counts
-    while text and _text_width("..." + text + counts) > width:
+    while text and text_width("..." + text + counts) > width:
         text = text[1:]
     found = ("..." if text else "") + (text + counts if text else counts.lstrip())
-    while found and _text_width(found) > width:
+    while found and text_width(found) > width:
         found = found[:-1]
     return found
 
@@ -87,6 +87,12 @@ def side_by_side(pictures: Sequence[Picture]) -> Picture:
         row[: picture.shape[0], x : x + picture.shape[1]] = picture
         x += picture.shape[1] + _GAP
     return row
+
+
+def stacked(rows: Sequence[Picture]) -> Picture:
+    """Pictures below one another, aligned at the left, on a dark ground."""
+    turned = side_by_side([np.ascontiguousarray(row.transpose(1, 0, 2)) for row in rows])
+    return np.ascontiguousarray(turned.transpose(1, 0, 2))
 
 
 def circle(picture: Picture, x: float, y: float, radius: float, color: Color, thickness: int) -> None:
@@ -111,9 +117,11 @@ def _fixed(value: float) -> int:
     return round(float(value) * (1 << _SUBPIXEL_BITS))
 
 
-def _text_width(text: str) -> int:
+def text_width(text: str) -> int:
+    """In pixels."""
     return int(cv2.getTextSize(text, _FONT, _FONT_SCALE, 1)[0][0])
 
 
-def _write(strip: Picture, text: str, x: int) -> None:
-    cv2.putText(strip, text, (x, 20), _FONT, _FONT_SCALE, WHITE, 1, cv2.LINE_AA)
+def write(picture: Picture, text: str, x: int, y: int = 20, color: Color = WHITE) -> None:
+    """A line of text that begins at `x` and stands on `y`."""
+    cv2.putText(picture, text, (x, y), _FONT, _FONT_SCALE, color, 1, cv2.LINE_AA)

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from elf_runtime.image.convert import unused_range
 from elf_runtime.image.file import ImageLike
 
 from .canvas import DARK, Color, Picture, circle, distinct_colors, line, side_by_side, strength_colors, titled
@@ -26,19 +27,23 @@ PANEL = 800  # pixels of an image's longer side, at most
 
 
 def displayable(image: npt.NDArray[Any]) -> Picture:
-    """Any image that the runtime takes, as BGR uint8: (H, W) or (H, W, 1, 3 or 4) -> (H, W, 3)."""
+    """Any image that the runtime takes, as BGR uint8: (H, W) or (H, W, 1, 3 or 4) -> (H, W, 3).
+
+    uint16 is stretched by `unused_range`, so that the pixels of cameras of 10 to 14 bits are not all dark.
+    """
     image = image.astype(image.dtype.newbyteorder("="), copy=False)
+    image = image[:, :, :3] if image.ndim == 3 else image
     if image.dtype == np.bool_:
         image = image.astype(np.uint8) * np.uint8(255)
     elif image.dtype == np.uint16:
-        image = (image >> 8).astype(np.uint8)
+        image = (image * np.float32(unused_range(image) / 256)).astype(np.uint8)
     elif image.dtype.kind == "f":
         image = (np.clip(image, 0.0, 1.0) * 255.0).astype(np.uint8)
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]
     if image.ndim == 2:
         return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), np.uint8)
-    return np.ascontiguousarray(image[:, :, :3])
+    return np.ascontiguousarray(image)
 
 
 def heatmap(values: npt.NDArray[np.floating]) -> Picture:

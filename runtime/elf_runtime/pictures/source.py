@@ -38,7 +38,13 @@ def pixels_of(image: ImageLike, features: Features, color: str = "bgr") -> npt.N
 
 
 def recorded_pixels(features: Features) -> npt.NDArray[Any] | None:
-    """The pixels of the file that the features' record names; None where it is not there, or no longer the same."""
+    """`recorded_image` without its alpha."""
+    pixels = recorded_image(features)
+    return None if pixels is None else checked(pixels)
+
+
+def recorded_image(features: Features) -> npt.NDArray[Any] | None:
+    """The image of the file that the features' record names; None where it is not there, or no longer the same."""
     record = features.record or {}
     path, digest = record.get("image"), record.get("image_sha256")
     if not isinstance(path, str):
@@ -47,7 +53,8 @@ def recorded_pixels(features: Features) -> npt.NDArray[Any] | None:
         file = ImageFile(path)
         if digest is not None and digest != file.sha256:
             return None
-        pixels = checked(file.decoded(record.get("ignore_exif") is True))
+        pixels = file.decoded(record.get("ignore_exif") is True)
+        checked(pixels)
     except ImageError:
         return None
     return pixels if pixels.shape[:2] == tuple(features.image_size) else None

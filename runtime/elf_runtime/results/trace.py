@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -29,12 +30,22 @@ class Level:
         The denoised saliency whose maxima the keypoints are.
     mask : (h, w) bool
         What passed the threshold (and the user's mask).
+    threshold : float
+        The lowest score that passes, 0 where all above 0 do; NaN where each cell of a grid has a level of its own.
+    smooth : (h, w) float32, optional
+        The saliency blurred for the threshold, up to 255: Kapur's level is chosen from it.  None in a grid.
+    histogram : (256,) float32, optional
+        Pixels of `smooth` in [i, i + 1), where keypoints may be; the last bin has 255 too.  None unless the level is
+        Kapur's, and in a grid.
     """
 
     scale: float
     saliency: Array
     scores: Array
     mask: npt.NDArray[np.bool_]
+    threshold: float = math.nan
+    smooth: Array | None = None
+    histogram: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,6 +41,24 @@ def test_every_image_the_runtime_takes_is_displayable(shape: tuple[int, ...], dt
     assert (shown == 255).all()
 
 
+@pytest.mark.parametrize("bits", [8, 10, 12, 14, 16])
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_cameras_of_fewer_bits_fill_the_range(bits: int, channels: int) -> None:
+    ramp = np.linspace(0, (1 << bits) - 1, 256).astype(np.uint16).reshape(16, 16, 1).repeat(channels, axis=2)
+    if channels == 4:
+        ramp[:, :, 3] = 65535  # alpha says nothing of the bits
+    shown = displayable(ramp)[:, :, 0].ravel().astype(int)
+    assert np.abs(shown - np.arange(256)).max() <= 1
+    assert (shown[0], shown[-1]) == (0, 255)
+
+
+def test_a_dark_picture_of_16_bits_stays_dark() -> None:
+    values = np.full((16, 16), 100, np.uint16)
+    values[0, 0] = 40000
+    assert displayable(values)[5, 5, 0] == 0
+    assert displayable(values)[0, 0, 0] == 40000 >> 8
+
+
 @pytest.mark.parametrize("kind", ["u2", "f4"])
 def test_any_byte_order_is_displayable(kind: str) -> None:
     values = (np.arange(600) * (100 if kind == "u2" else 1 / 600)).astype(kind).reshape(20, 30)

@@ -182,7 +182,7 @@ def test_no_part_is_left_where_writing_fails(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(np, "savez", full)
-    monkeypatch.setattr(np, "savetxt", full)
+    monkeypatch.setattr(Path, "write_text", full)
     with pytest.raises(OSError, match=f"No space left on device: '.*old.{ending}'"):
         features.save(old)
     assert old.read_bytes() == b"old"
