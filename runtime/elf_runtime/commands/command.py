@@ -19,7 +19,7 @@ from elf_runtime.errors import ElfError, SettingError, one_line, reason
 from elf_runtime.files.write import write_atomically
 
 from .parser import Parser, asks_for_json, print_json_error
-from .terminal import discard_stdout, print_anything, say
+from .terminal import discard_stdout, flush_stdout, print_anything, say
 
 FAILED, USAGE, INTERRUPTED, TERMINATED = 1, 2, 128 + signal.SIGINT, 128 + signal.SIGTERM
 
@@ -53,6 +53,7 @@ def run(
         What `work` returns; 1 where it fails or nobody reads its output any more, 2 on a command line that can't be
         carried out, 130 after Ctrl-C, 143 after SIGTERM.
     """
+    closed = sys.stdout is None  # as `>&-` leaves it
     print_anything()
     if "OPENCV_LOG_LEVEL" not in os.environ:
         # What OpenCV logs of a damaged file is said in one line.  Its versions have the function in two places.
@@ -63,6 +64,9 @@ def run(
     words = sys.argv[1:] if argv is None else list(argv)
     parser.as_json = asks_for_json(words)
     args = parser.parse_args(words)
+    if closed and parser.as_json:
+        report(parser.prog, "standard output is closed, and --json writes to it; give it a file")
+        return FAILED
     try:
         with terminable():
             status = work(args)
@@ -73,12 +77,13 @@ def run(
         return FAILED
     except (ElfError, OSError) as error:
         report(parser.prog, error)
-        text, status = _text(error), USAGE if isinstance(error, (UsageError, SettingError)) else FAILED
+        text, status = text_of(error), USAGE if isinstance(error, (UsageError, SettingError)) else FAILED
     except (KeyboardInterrupt, Terminated) as error:
         text, status = ("terminated", TERMINATED) if isinstance(error, Terminated) else ("interrupted", INTERRUPTED)
         say(f"\n{parser.prog}: {text}{goes_on and f'; {goes_on}'}", sys.stderr)
     if parser.as_json:
         print_json_error(text)
+    flush_stdout()
     return status
 
 
@@ -102,12 +107,14 @@ def terminable() -> Iterator[None]:
 
 def report(command: str, error: object) -> None:
     """``command: error: ...`` on standard error: one line, or an error's rows below it."""
-    say(f"{command}: error: {_text(error)}", sys.stderr)
+    say(f"{command}: error: {text_of(error)}", sys.stderr)
 
 
-def _text(error: object) -> str:
+def text_of(error: object) -> str:
     """What to say of an error: a line, or several of those that have rows."""
-    text = f"{error.filename}: {reason(error)}" if isinstance(error, OSError) and error.filename else str(error)
+    text = str(error)
+    if isinstance(error, OSError):
+        text = f"{error.filename}: {reason(error)}" if error.filename else reason(error)
     return text if isinstance(error, ElfError) and error.has_rows else one_line(text)
 
 

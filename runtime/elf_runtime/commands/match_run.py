@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from elf_runtime.geometry.fit import Search, fit
 from elf_runtime.results.matching import match
 
 from . import command
-from .match_pairs import Plan
+from .match_pairs import Pairs, Plan
 from .match_report import Matched, single_document
 from .match_views import Views
 from .progress import Progress
@@ -33,9 +34,8 @@ class Run:
             "ransac": args.ransac,
             "ransac_threshold": args.ransac_threshold if args.ransac else None,
         }
-        total = 1 if wanted.single else None if wanted.pairs is None else len(wanted.pairs)
-        self._progress = Progress("elf-match", "pair", total, self._stream, args.quiet)
-        self._said: set[str] = set()
+        self._progress = self._counting("pair", 1)
+        self._said: dict[str, None] = {}  # in order
         self._taken = {real(path) for path in wanted.paths}
 
     def single(self) -> int:
@@ -55,24 +55,46 @@ class Run:
         for folder in (self._args.output, self._args.save):
             if folder is not None:
                 folder.mkdir(parents=True, exist_ok=True)
+        start = time.perf_counter()
+        chosen = self._chosen()
+        self._progress = self._counting("pair", len(chosen))
         try:
-            pairs = [self._pair(i, j) for i, j in self._chosen()]
+            pairs = [self._pair(i, j) for i, j in chosen]
         finally:
             self._progress.close()
         failed = [i for i in range(len(self._plan.paths)) if self._views.has_failed(i)]
         for i in failed:
             self._report(self._views.about(i)["error"])
+        self._progress.close(self._summary(pairs, time.perf_counter() - start))
         if self._args.json:
             images = [self._views.about(i) for i in range(len(self._plan.paths))]
             origin = {**self._views.origin, "pairs_by": self._args.pairs or "exhaustive", **self._settings}
             command.write_json(self._args.json, {"images": images, **origin, "pairs": pairs})
         return command.FAILED if failed or any("error" in pair for pair in pairs) else 0
 
-    def _chosen(self) -> Iterator[tuple[int, int]]:
-        if self._plan.pairs is None:
-            yield from self._views.nearest(self._plan.nearest, self._plan.query)
-        else:
-            yield from self._plan.pairs
+    def _counting(self, unit: str, total: int) -> Progress:
+        return Progress("elf-match", unit, total, self._stream, self._args.quiet)
+
+    def _chosen(self) -> Pairs:
+        if self._plan.pairs is not None:
+            return self._plan.pairs
+        images = self._counting("image", len(self._plan.paths))
+        try:
+            return self._views.nearest(self._plan.nearest, self._plan.query, images.step)
+        finally:
+            images.close()
+
+    def _summary(self, pairs: Sequence[Mapping[str, Any]], seconds: float) -> str:
+        """The last line, and the failures once more where there are any, as elf-detect's."""
+        if len(pairs) + len(self._said) < 2:
+            return ""
+        parts = [f"{len(pairs)} pairs in {seconds:.1f} s"]
+        if failed := sum("error" in pair for pair in pairs):
+            parts.append(f"{failed} failed")
+        elif self._said:
+            parts.append(f"{len(self._said)} of the images left out")
+        errors = [] if self._args.quiet else self._said
+        return "\n".join([", ".join(parts) + (":" if errors else ""), *(f"  {error}" for error in errors)])
 
     def _pair(self, i: int, j: int) -> dict[str, Any]:
         """Match a pair and write what is asked for; what the JSON says of it."""
@@ -124,10 +146,10 @@ class Run:
 
     def _say(self, text: str, written: Sequence[Path]) -> None:
         files = ", ".join(map(str, written))
-        self._progress.done(printable(text + (f" -> {files}" if files else "")))
+        self._progress.found(printable(text + (f" -> {files}" if files else "")))
 
     def _report(self, text: str) -> None:
         """An error on standard error, once."""
         if text not in self._said:
-            self._said.add(text)
+            self._said[text] = None
             self._progress.failed(text)

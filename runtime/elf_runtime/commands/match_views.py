@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import tempfile
-import time
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -27,10 +25,8 @@ from .command import UsageError
 from .match_cameras import Float, Intrinsics
 from .match_pairs import FEATURE_SUFFIX, Pairs
 from .match_records import and_more, check_records, warn
-from .terminal import say
 
 MOST_BYTES = 1 << 30  # of features in memory; more are in a temporary folder
-_EVERY = 10.0  # seconds between lines of what is done
 _DETECTING = (
     "max_keypoints", "threshold", "nms_radius", "border", "grid", "preset", "scale", "max_side", "descriptor", "set",
     "mask", "model", "provider", "threads",
@@ -186,17 +182,13 @@ class Views:
             raise ElfError(f"{self.paths[index]}: {what}")
         return Path(name)
 
-    def nearest(self, count: int, query: bool) -> Pairs:
+    def nearest(self, count: int, query: bool, step: Callable[[], None]) -> Pairs:
         """The pairs of each image, or of the first one alone, with those nearest by `global_descriptor`, in order.
 
-        An image that fails has none.  What is done is said on standard error every ten seconds.
+        An image that fails has none.  `step` is called after each image.
         """
         pooled: dict[int, npt.NDArray[np.float32]] = {}
-        said = time.monotonic()
         for index in range(len(self.paths)):
-            if time.monotonic() - said > _EVERY:
-                said = time.monotonic()
-                say(f"elf-match: {index} of {len(self.paths)} images done", sys.stderr)
             try:
                 pooled[index] = global_descriptor(self.features(index))
                 width = len(next(iter(pooled.values())))
@@ -207,6 +199,7 @@ class Views:
                 self._errors[index] = f"{self.paths[index]}: {error}"
             except (ElfError, OSError) as error:
                 self._errors[index] = str(error)
+            step()
         if not pooled or (query and 0 not in pooled):
             return []
         places = list(pooled)

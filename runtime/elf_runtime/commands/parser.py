@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 from elf_runtime import __version__
 from elf_runtime.errors import suggestion
 
-from .terminal import say
+from .terminal import discard_stdout, flush_stdout, say
 
 SHELLS = ("bash", "zsh", "tcsh")
 
@@ -109,5 +109,9 @@ def asks_for_json(words: Sequence[str]) -> bool:
 
 
 def print_json_error(text: str) -> None:
-    """``{"error": text}`` on standard output."""
-    say(json.dumps({"error": text}, indent=2))
+    """``{"error": text}`` on standard output; nothing where that can't be written."""
+    try:
+        say(json.dumps({"error": text}, indent=2))
+    except OSError:
+        discard_stdout()
+    flush_stdout()

@@ -13,11 +13,25 @@ from elf_runtime.errors import printable
 def print_anything() -> None:
     """Have standard output and error take any text: what they can't encode is written as ``\\udcff`` or the like.
 
-    File names may be no Unicode, and a terminal, or what a scheduler runs a command with, may know ASCII only.
+    File names may be no Unicode, and a terminal, or what a scheduler runs a command with, may know ASCII only.  What
+    would go to one that is closed goes nowhere.
     """
+    # Where one is closed (>&-), Python has None for it, and its number may be given to a file next.
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 (it stays open)
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+
+
+def flush_stdout() -> None:
+    """Write what is still to be written, if that can be done: the reason why not has been said."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        discard_stdout()
 
 
 def discard_stdout() -> None:

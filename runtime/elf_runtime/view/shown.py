@@ -72,17 +72,22 @@ class Shown:
 
 
 def detected(
-    elf: ElfRuntime, name: str, pixels: npt.NDArray[Any], params: DetectionParams, descriptor: str | None = None
+    elf: ElfRuntime,
+    name: str,
+    pixels: npt.NDArray[Any],
+    params: DetectionParams,
+    descriptor: str | None = None,
+    mask: npt.NDArray[np.bool_] | None = None,
 ) -> Shown:
     """An image with its map, or, where there are several working scales or a grid, with the keypoints only."""
-    trace = elf.trace(pixels, params=params, descriptor=descriptor)
+    trace = elf.trace(pixels, mask=mask, params=params, descriptor=descriptor)
     if len(trace.levels) > 1 or params.grid != (1, 1):
         why = "several working scales" if len(trace.levels) > 1 else "a grid"
         note = f"{why}: the keypoints are those of elf-detect, and only level and count can be changed"
         return Shown(name, small(pixels), trace.features.quantized(), None, note)
     # A keypoint is a maximum of its 3x3 pixels, whatever the radius, but for the slopes that "greedy" may take.
     loose = params.updated(threshold="none", nms_radius=1, max_keypoints=MOST, oriented=False)
-    every = elf.trace(pixels, params=loose, descriptor=descriptor)
+    every = elf.trace(pixels, mask=mask, params=loose, descriptor=descriptor)
     candidates = trace.features if params.oriented else united(trace.features, every.features)
     own = score_map(trace.levels[0], every.levels[0].mask, trace.features.image_size, params)
     note = "oriented: only the keypoints of its own settings have descriptors" if params.oriented else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -102,7 +103,9 @@ def test_what_is_written_and_said(photos: Path, capsys: pytest.CaptureFixture[st
     assert sorted(p.name for p in Path("out/pictures").iterdir()) == sorted(f"{stem}.png" for stem in stems)
     said = capsys.readouterr()
     assert said.err == ""
-    assert [line.partition(":")[0] for line in said.out.splitlines()] == ["1.png, 2.png", "2.png, 10.png"]
+    *lines, last = said.out.splitlines()
+    assert [line.partition(":")[0] for line in lines] == ["1.png, 2.png", "2.png, 10.png"]
+    assert re.fullmatch(r"2 pairs in \d+\.\d s", last)
     document = json.loads(Path("out/m.json").read_text())
     assert document["pairs_by"] == "sequential"
     assert (document["ransac"], document["ransac_threshold"], document["ratio"]) == ("homography", 3.0, None)
@@ -160,14 +163,17 @@ def test_each_image_is_detected_once_in_little_memory(
 
 def test_a_pair_that_fails_is_said_once_and_the_others_go_on(photos: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (photos / "2.png").write_bytes(b"no image")
-    for which in ((), ("--pairs", "nearest:5")):
+    for which, left_out in (((), "4 failed"), (("--pairs", "nearest:5"), "1 of the images left out")):
         assert match("photos", "-r", "--json", "m.json", *which) == 1
         said = capsys.readouterr()
         assert said.err == "elf-match: error: photos/2.png: not an image that OpenCV can decode: it is text\n"
         document = json.loads(Path("m.json").read_text())
         done = [(Path(p["a"]).name, Path(p["b"]).name) for p in document["pairs"] if "error" not in p]
         assert done == in_order(["1.png", "10.png", "3.png", "4.png"], 4)
-        assert said.out.count("\n") == len(done)
+        *lines, last, error = said.out.splitlines()
+        assert len(lines) == len(done)
+        assert re.fullmatch(rf"{len(document['pairs'])} pairs in \d+\.\d s, {left_out}:", last)
+        assert error == "  photos/2.png: not an image that OpenCV can decode: it is text"
         assert [Path(image["image"]).name for image in document["images"] if "error" in image] == ["2.png"]
         failed = [p for p in document["pairs"] if "error" in p]
         assert len(failed) == (0 if which else 4)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 import webbrowser
@@ -57,6 +58,54 @@ def test_results_are_shown_with_the_settings_that_they_were_made_with(photos: Pa
     images = data(page)
     assert [Path(image["name"]).name for image in images] == ["a", "b"]
     assert all((image["map"]["count"], image["map"]["radius"]) == (30, 9) for image in images)
+
+
+def test_images_of_a_folder_are_taken_rather_than_results_below_it(
+    photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "view.html"
+    assert detect(["-q", str(photos / "a.png"), "-o", str(photos / "old"), "--no-picture"]) == 0
+    assert main([str(photos), "-o", str(page)]) == 0
+    assert [image["name"] for image in data(page)] == ["a.png", "b.jpg"]
+    assert capsys.readouterr().out.splitlines()[0] == f"{photos}: 2 images"
+    assert main([str(photos / "old"), "-o", str(page)]) == 0
+    assert capsys.readouterr().out.splitlines()[0] == f"{photos / 'old'}: 1 results of elf-detect"
+
+
+@pytest.mark.parametrize("of_results", [False, True])
+def test_what_can_not_be_read_is_left_out_and_said(
+    of_results: bool, photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page, folder, bad = tmp_path / "view.html", photos, photos / "aa.png"
+    if of_results:
+        folder = tmp_path / "out"
+        assert detect(["-q", str(photos), "-o", str(folder), "--no-picture"]) == 0
+        bad = folder / "aa.npz"
+    bad.write_bytes(b"neither")
+    capsys.readouterr()
+    assert main([str(folder), "-o", str(page)]) == 1
+    assert [Path(image["name"]).stem for image in data(page)] == ["a", "b"]
+    captured = capsys.readouterr()
+    assert captured.err.startswith(f"elf-view: error: {bad}: not a")
+    *_, last, error = captured.out.splitlines()
+    assert last.startswith(f"2 images -> {page}, ")
+    assert last.endswith(", 1 failed:")
+    assert f"elf-view: error:{error[1:]}\n" == captured.err
+
+
+def test_a_mask(photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page, mask = tmp_path / "view.html", np.zeros((120, 160), np.uint8)
+    mask[:, :80] = 255
+    cv2.imwrite(str(tmp_path / "mask.png"), mask)
+    assert main([str(photos), "-o", str(page), "-q", "--mask", str(tmp_path / "mask.png")]) == 0
+    for image in data(page):
+        places = np.frombuffer(base64.b64decode(image["candidates"]["places"]), "<f4").reshape(-1, 2)
+        assert len(places) > 10
+        assert places[:, 0].max() < 80
+    assert detect(["-q", str(photos / "a.png"), "-o", str(tmp_path / "out"), "--no-picture"]) == 0
+    words = [str(tmp_path / "out"), "-o", str(page), "--mask", str(tmp_path / "mask.png")]
+    status, line = refused(words, capsys)
+    assert (status, line.endswith("leave out --mask")) == (2, True)
 
 
 def test_what_can_not_be_sought_again_is_shown_as_it_is(photos: Path, tmp_path: Path) -> None:
@@ -127,17 +176,14 @@ def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, 
 
 
 def test_refusals_are_one_line_each(photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    page, empty, damaged = str(tmp_path / "view.html"), tmp_path / "empty", tmp_path / "damaged"
+    page, empty = str(tmp_path / "view.html"), tmp_path / "empty"
     empty.mkdir()
-    damaged.mkdir()
-    (damaged / "x.npz").write_bytes(b"PK no archive")
     notes = tmp_path / "notes.html"
     notes.write_text("mine")
     cases = [
         ([str(tmp_path / "none")], 1, "there is no such folder"),
         ([str(photos / "a.png")], 1, "not a folder"),
         ([str(empty)], 2, "no images .* and no results of elf-detect"),
-        ([str(damaged)], 1, "x.npz: not a feature file"),
         ([str(photos), "-o", str(tmp_path / "view.png")], 2, "the page is an .html file"),
         ([str(photos), "-o", str(notes)], 2, "no page of elf-view"),
         ([str(photos), "-o", str(notes / "view.html")], 1, "is not a folder"),
@@ -165,10 +211,12 @@ def test_a_page_is_whole_or_as_it_was(photos: Path, tmp_path: Path, capsys: pyte
     page = tmp_path / "view.html"
     assert main([str(photos), "-o", str(page), "-q"]) == 0
     before = page.read_bytes()
-    (photos / "z.png").write_text("no image")
-    status, line = refused([str(photos), "-o", str(page), "-q"], capsys)
-    assert status == 1
-    assert "z.png: not an image" in line
+    for path in (photos / "a.png", photos / "b.jpg"):
+        path.write_text("no image")
+    assert main([str(photos), "-o", str(page), "-q"]) == 1
+    *errors, last = capsys.readouterr().err.splitlines()
+    assert [Path(line.split(": ")[2]).name for line in errors] == ["a.png", "b.jpg"]
+    assert last == f"elf-view: error: {photos}: none of its files can be shown, so no page is written"
     assert page.read_bytes() == before
     assert is_page(page)
     assert not list(tmp_path.glob(".*"))
