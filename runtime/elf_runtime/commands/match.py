@@ -52,7 +52,8 @@ written, or some of many pairs could not be matched; 2 on a wrong command line
 scores, sizes and angles (scores_a, scores_b ..., (M,)), inliers (M,), and the fitted matrix (3, 3), NaN where there
 is none; with --ransac essential also rotation (3, 3) and translation (3,), X_b = rotation X_a + translation with a
 translation of unit length, and the cameras K_a and K_b (3, 3).
-Of a folder's pairs the files are named A--B.npz and A--B.png, by the images' names in the folder."""
+Of a folder's pairs the files are named A--B.npz and A--B.png, by the images' names in the folder, in which / is %2F
+(% is %25, and the second of two hyphens %2D)."""
 
 
 def build_parser() -> Parser:

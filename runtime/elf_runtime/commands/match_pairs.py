@@ -164,6 +164,16 @@ def _names(paths: Sequence[Path], folder: Path) -> list[str]:
     return [path.relative_to(folder).as_posix() for path in paths]
 
 
+def file_stem(one: str, two: str) -> str:
+    """What the files of a pair are called, no two pairs the same: ``a%2F1.jpg--b%2F1.jpg`` for a/1.jpg and b/1.jpg.
+
+    In a name, / is %2F, % is %25, and the second of two hyphens, which would be taken for the middle, is %2D.
+    """
+    # No name ends in a hyphen, for it has an ending: the first two in a row are the middle.
+    first, second = (re.sub("(?<=-)-", "%2D", name.replace("%", "%25").replace("/", "%2F")) for name in (one, two))
+    return f"{first}--{second}"
+
+
 def read_list(file: Path, folder: Path) -> list[tuple[Path, Path]]:
     """The pairs of a text file: two names a line, of files below the folder, each pair once.
 

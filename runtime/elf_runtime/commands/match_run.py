@@ -16,7 +16,7 @@ from elf_runtime.geometry.fit import Search, fit
 from elf_runtime.results.matching import match
 
 from . import command
-from .match_pairs import Pairs, Plan
+from .match_pairs import Pairs, Plan, file_stem
 from .match_report import Matched, single_document
 from .match_views import Views
 from .progress import Progress
@@ -100,7 +100,7 @@ class Run:
         """Match a pair and write what is asked for; what the JSON says of it."""
         one, two = self._plan.names[i], self._plan.names[j]
         about: dict[str, Any] = {"a": str(self._plan.paths[i]), "b": str(self._plan.paths[j])}
-        stem = f"{one}--{two}".replace("/", "-")
+        stem = file_stem(one, two)
         output, save = self._args.output, self._args.save
         try:
             matched = self._matched(i, j)

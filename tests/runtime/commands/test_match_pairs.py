@@ -7,6 +7,7 @@ import json
 import re
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import cv2
 import numpy as np
@@ -127,6 +128,20 @@ def test_what_is_written_and_said(photos: Path, capsys: pytest.CaptureFixture[st
         shift = np.array(pair["matrix"]) / pair["matrix"][2][2]
         np.testing.assert_allclose(shift[:2, 2], (-16, 0), atol=1.0)
         assert (pair["rotation"], pair["translation"], pair["K"]) == (None, None, None)
+
+
+def test_no_two_pairs_have_files_of_one_name(photos: Path) -> None:
+    """Names that differ in what stands for a folder, a hyphen or a percent sign only."""
+    names = ["a/b.png", "a-b.png", "a%2Fb.png", "c--d.png", "c-%2Dd.png", "c---d.png"]
+    write_views(Path("alike"), names)
+    assert match("alike", "-r", "--save", "out", "--json", "m.json") == 0
+    pairs = json.loads(Path("m.json").read_text())["pairs"]
+    assert len(pairs) == 15
+    for pair in pairs:
+        first, second = (name.removeprefix("alike/") for name in (pair["a"], pair["b"]))
+        (found,) = [p for p in Path("out").iterdir() if tuple(map(unquote, p.stem.split("--"))) == (first, second)]
+        with np.load(found) as saved:
+            assert len(saved["pairs"]) == pair["matches"]
 
 
 def test_nothing_is_written_unasked(photos: Path) -> None:
