@@ -49,10 +49,10 @@ def _signals_kept() -> Iterator[None]:
 
 @contextmanager
 def quiet() -> Iterator[Any]:
-    """pycolmap with nothing logged below errors; what it was set to comes back."""
+    """pycolmap with nothing logged, for its errors are raised; what it was set to comes back."""
     module = pycolmap()
     before = module.logging.minloglevel
-    module.logging.minloglevel = int(module.logging.ERROR)
+    module.logging.minloglevel = int(module.logging.FATAL)
     try:
         yield module
     finally:

@@ -53,14 +53,17 @@ def map_database(
         If pycolmap is not there, or no two images could be placed.
     """
     with quiet() as colmap, tempfile.TemporaryDirectory(dir=output) as part:
-        placed = _Counter(progress)
-        try:
-            found = colmap.incremental_mapping(
-                os.fspath(database), os.fspath(images), part, _options(colmap, refine, threads),
-                initial_image_pair_callback=placed.begin, next_image_callback=placed.next,
-            )  # fmt: skip
-        except (RuntimeError, ValueError) as error:
-            raise ElfError(f"COLMAP's mapper failed: {first_line(error)}") from error
+        placed, options = _Counter(progress), _options(colmap, refine, threads)
+        found: dict[int, Any] = {}
+        # COLMAP leaves out points that two images alone show.  Where these are all there are, it is asked to take them.
+        for options.triangulation.ignore_two_view_tracks in (True, False):
+            try:
+                found = found or colmap.incremental_mapping(
+                    os.fspath(database), os.fspath(images), part, options,
+                    initial_image_pair_callback=placed.begin, next_image_callback=placed.next,
+                )  # fmt: skip
+            except (RuntimeError, ValueError) as error:
+                raise ElfError(f"COLMAP's mapper failed: {first_line(error)}") from error
         models = sorted(found.values(), key=lambda model: -model.num_reg_images())
         if not models:
             raise ElfError(
