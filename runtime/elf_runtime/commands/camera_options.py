@@ -3,36 +3,69 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
-import numpy as np
+from elf_runtime.errors import ElfError
+from elf_runtime.extraction.frames import Still
+from elf_runtime.reconstruction.cameras import Calibration, Size
+from elf_runtime.reconstruction.database import check_calibration
 
-from elf_runtime.errors import SettingError
-from elf_runtime.reconstruction.cameras import Calibration
+from .command import UsageError
+from .match_cameras import Intrinsics, parse_camera
+
+Given = Calibration | Intrinsics
 
 
 def add_calibration_options(group: argparse._ActionsContainer) -> None:
     known = group.add_mutually_exclusive_group()
     known.add_argument(
-        "--K", dest="calibration", type=_matrix, metavar="FX,FY,CX,CY",
-        help="known intrinsics in pixels, as OpenCV's calibration gives them: (0, 0) is the centre of the first pixel",
+        "--K", metavar="CAMERA",
+        help="known intrinsics, as OpenCV's calibration gives them: fx,fy,cx,cy in pixels, one focal length, or a file "
+        "of these or of a 3x3 matrix. (0, 0) is the centre of the first pixel; without cx,cy the middle is taken",
     )  # fmt: skip
     known.add_argument(
-        "--camera", dest="calibration", type=_camera, metavar="MODEL:P1,P2,...",
+        "--camera", metavar="MODEL:P1,P2,...",
         help="known intrinsics as COLMAP has them, such as OPENCV:fx,fy,cx,cy,k1,k2,p1,p2: the centre of the first "
         "pixel is (0.5, 0.5)",
     )  # fmt: skip
 
 
-def _matrix(text: str) -> Calibration:
-    try:
-        fx, fy, cx, cy = (float(number) for number in text.split(","))
-        return Calibration.of_matrix(np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]))
-    except (ValueError, SettingError):
-        raise argparse.ArgumentTypeError(f"{text!r} is not FX,FY,CX,CY, focal lengths above 0") from None
+def read_calibration(args: argparse.Namespace) -> Given | None:
+    """What --K or --camera say; None where neither is given.
+
+    Raises
+    ------
+    UsageError, SettingError, ElfError
+        See `parse_camera` and `Calibration.parse`; on a matrix with skew, which COLMAP's cameras do not have.
+    """
+    if args.camera is not None:
+        return Calibration.parse(args.camera)
+    if args.K is None:
+        return None
+    found = parse_camera("--K", args.K)
+    if found.skew:
+        raise UsageError(f"--K {args.K}: COLMAP's cameras have no skew, and this one's is {found.skew:g}")
+    return found
 
 
-def _camera(text: str) -> Calibration:
+def calibration_of(given: Given | None, size: Size) -> Calibration | None:
+    """Of images of (height, width) pixels."""
+    return Calibration.of_matrix(given.matrix(size)) if isinstance(given, Intrinsics) else given
+
+
+def check_first(given: Given | None, image: Path) -> None:
+    """Refuse what COLMAP does not take for an image, by its header and before any work; needs pycolmap.
+
+    Raises
+    ------
+    UsageError
+        With the reason, see `check_calibration`.
+    """
+    size = Still(image, image).size()
     try:
-        return Calibration.parse(text)
-    except SettingError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+        if isinstance(given, Calibration):
+            check_calibration(given, size)
+        elif given is not None and size is not None:
+            check_calibration(Calibration.of_matrix(given.matrix(size)), size)
+    except ElfError as error:
+        raise UsageError(str(error)) from error

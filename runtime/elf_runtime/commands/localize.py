@@ -15,13 +15,13 @@ from elf_runtime.errors import ElfError, SettingError, printable, reason
 from elf_runtime.image.exif import focal_length_px
 from elf_runtime.image.file import image_errors, read
 from elf_runtime.params import DetectionParams
-from elf_runtime.reconstruction.cameras import Calibration, Camera
+from elf_runtime.reconstruction.cameras import Camera
 from elf_runtime.reconstruction.localize import Localization, localize
 from elf_runtime.reconstruction.model import Model, read_model
 from elf_runtime.results.features import Features
 
 from . import command, options
-from .camera_options import add_calibration_options
+from .camera_options import Given, add_calibration_options, calibration_of, check_first, read_calibration
 from .inputs import image_files
 from .outputs import check_outputs
 from .parser import Parser, add_json, new_parser
@@ -74,7 +74,9 @@ class _Scene:
 def _work(args: argparse.Namespace) -> int:
     paths = list(image_files(args.images))
     check_outputs({"--json": [args.json]}, {"an input image": paths, "the model": [args.model]})
+    args.calibration = read_calibration(args)
     scene = _read_scene(args.scene)
+    check_first(args.calibration, paths[0])
     elf = _open_model(args, scene.record)
     stream = sys.stderr if args.json == "-" else None
     results: list[dict[str, Any]] = []
@@ -135,8 +137,9 @@ def _localized(elf: ElfRuntime, scene: _Scene, path: Path, args: argparse.Namesp
     return localize(scene.model, scene.features, features, camera, ratio=scene.record["ratio"])
 
 
-def _camera(model: Model, path: Path, size: tuple[int, int], calibration: Calibration | None) -> Camera | None:
+def _camera(model: Model, path: Path, size: tuple[int, int], given: Given | None) -> Camera | None:
     """The one given, or from EXIF data where the model has none of the image's size; None is `localize`'s default."""
+    calibration = calibration_of(given, size)
     if calibration is not None:
         return Camera.calibrated(size, calibration)
     if any(camera.image_size == size for camera in model.cameras.values()):

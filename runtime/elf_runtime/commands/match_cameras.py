@@ -1,4 +1,4 @@
-"""The cameras of elf-match's images: what --K says of them."""
+"""Cameras of images: what --K says of them, in every command."""
 
 from __future__ import annotations
 
@@ -36,9 +36,19 @@ class Intrinsics:
     skew: float = 0.0
 
     def matrix(self, size: tuple[int, int]) -> Float:
-        """The calibration matrix (3, 3) of an image of (height, width) pixels; integer = pixel centre."""
+        """The calibration matrix (3, 3) of an image of (height, width) pixels; integer = pixel centre.
+
+        Raises
+        ------
+        ElfError
+            If the principal point is further outside the image than half its width or height.
+        """
         height, width = size
         (fx, fy), (cx, cy) = self.focal, self.centre or ((width - 1) / 2, (height - 1) / 2)
+        if abs(cx - (width - 1) / 2) > width or abs(cy - (height - 1) / 2) > height:
+            raise ElfError(
+                f"--K: the principal point {cx:g},{cy:g} lies far outside an image of {width}x{height} pixels"
+            )
         return np.array([[fx, self.skew, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
 
@@ -55,7 +65,7 @@ def parse_camera(option: str, text: str) -> Intrinsics:
     numbers = _numbers(text)
     if numbers is None:
         path = Path(text)
-        if not path.exists():
+        if not text.strip() or not path.exists():
             raise UsageError(f"{option} {text}: not fx,fy,cx,cy, not one focal length, and no file of this name")
         try:
             with open_regular(path) as file:

@@ -13,7 +13,7 @@ from elf_runtime.reconstruction.cameras import SHARES
 from elf_runtime.reconstruction.library import pycolmap
 
 from . import command, options
-from .camera_options import add_calibration_options
+from .camera_options import add_calibration_options, check_first, read_calibration
 from .command import UsageError
 from .inputs import image_files
 from .match_pairs import Choice, natural, read_list
@@ -104,6 +104,7 @@ def _ratio(text: str) -> float | None:
 def _work(args: argparse.Namespace) -> int:
     names = _check_options(args)
     pycolmap()
+    check_first(args.calibration, args.folder / names[0])
     elf = options.open_runtime(args)
     if elf.contract.descriptor(args.descriptor) is None:
         raise SettingError(f"{args.model}: exported with --desc none, it can't describe, and so not match")
@@ -124,6 +125,7 @@ def _check_options(args: argparse.Namespace) -> list[str]:
     """Refuse what can't be carried out, before any work; the images' names, relative to the folder."""
     if not args.folder.is_dir():
         raise UsageError(f"{args.folder}: there is no such folder")
+    args.calibration = read_calibration(args)
     if args.refine_intrinsics and args.calibration is None:
         raise UsageError("--refine-intrinsics needs --K or --camera: what is not given is estimated in any case")
     args.preset = args.preset or "accurate"

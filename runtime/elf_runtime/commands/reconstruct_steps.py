@@ -27,6 +27,7 @@ from elf_runtime.results.global_descriptor import global_descriptor, nearest
 from elf_runtime.results.matches import Matches
 
 from . import command, options
+from .camera_options import calibration_of
 from .match_pairs import Choice, read_list
 from .terminal import say
 
@@ -125,7 +126,8 @@ class Steps:
             focals = {name: focal_length_px(args.folder / name) for name in sizes}
         else:
             focals = dict.fromkeys(sizes)
-        cameras = shared_cameras(sizes, args.share, args.calibration, focals)
+        calibration = calibration_of(args.calibration, next(iter(sizes.values())))
+        cameras = shared_cameras(sizes, args.share, calibration, focals)
         users: dict[Camera, int] = {}
         for camera in cameras.values():
             users[camera] = users.get(camera, 0) + 1

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from elf_runtime.errors import SettingError
+from elf_runtime.errors import SettingError, suggestion
 from elf_runtime.files.write import write_atomically
 from elf_runtime.results.features import Features
 from elf_runtime.results.matches import Matches
 
-from .cameras import Camera, shared_cameras
+from .cameras import Calibration, Camera, Size, shared_cameras
 from .library import SEED, quiet
 
 HALF = 0.5  # COLMAP's first pixel has its centre at (0.5, 0.5), that of Features at (0, 0)
@@ -63,13 +63,15 @@ def write_database(
         If pycolmap is not there.
     SettingError
         If COLMAP does not know a camera's model, it has other parameters, or an image another size; if matches are not
-        of these images.
+        of these images, or of one pair both ways round.
     OSError
         If the file can't be written.
     """
     given = shared_cameras({name: found.image_size for name, found in images.items()}) if cameras is None else cameras
     _check_cameras(images, given)
     pairs = {names: _indices(names, found, images) for names, found in matches.items()}
+    if both := next((names for names in pairs if names[::-1] in pairs), None):
+        raise SettingError(f"matches of {both[0]} and {both[1]} are given both ways round; leave one of them out")
     inliers: dict[tuple[str, str], int] = {}
 
     def write(part: Path) -> None:
@@ -139,26 +141,53 @@ def _write_pair(colmap: Any, database: Any, images: Sequence[_Image], indices: I
     return len(geometry.inlier_matches)
 
 
+def check_calibration(calibration: Calibration, image_size: Size | None = None) -> None:
+    """Refuse intrinsics that COLMAP does not take, of images of (height, width) pixels where that is given.
+
+    Raises
+    ------
+    ElfError
+        If pycolmap is not there.
+    SettingError
+        See `colmap_camera`.
+    """
+    with quiet() as colmap:
+        if image_size is not None:
+            colmap_camera(colmap, Camera.calibrated(image_size, calibration))
+        else:
+            _of_known_model(colmap, Camera.calibrated((1, 1), calibration))
+
+
 def colmap_camera(colmap: Any, camera: Camera) -> Any:
     """A camera as pycolmap has it.
 
     Raises
     ------
     SettingError
-        If COLMAP has no such model, or the model other parameters.
+        If COLMAP has no such model, or the model other parameters; if no images of this size have such ones.
     """
     height, width = camera.image_size
-    text = f"{camera.model}:{','.join(f'{value:g}' for value in camera.params)}"
+    made = _of_known_model(colmap, camera)
+    inside = 0 < made.principal_point_x < width and 0 < made.principal_point_y < height
+    if made.has_bogus_params(0.1, 10.0, 10.0) or not inside:
+        raise SettingError(f"camera {_text(camera)}: this can't be the camera of images of {width}x{height} pixels")
+    return made
+
+
+def _text(camera: Camera) -> str:
+    return f"{camera.model}:{','.join(f'{value:g}' for value in camera.params)}"
+
+
+def _of_known_model(colmap: Any, camera: Camera) -> Any:
+    (height, width), text = camera.image_size, _text(camera)
     if camera.model not in colmap.CameraModelId.__members__ or camera.model == "INVALID":
-        known = ", ".join(name for name in colmap.CameraModelId.__members__ if name != "INVALID")
-        raise SettingError(f"camera {text}: COLMAP's models are {known}")
+        known = [name for name in colmap.CameraModelId.__members__ if name != "INVALID"]
+        near = suggestion(camera.model, known)
+        raise SettingError(f"camera {text}: COLMAP's models are {', '.join(known)}{near}")
     made = colmap.Camera(model=camera.model, width=width, height=height, params=list(camera.params))
     made.has_prior_focal_length = camera.focal_known
     if not made.verify_params():
         raise SettingError(f"camera {text}: the parameters of {camera.model} are {made.params_info}")
-    inside = 0 < made.principal_point_x < width and 0 < made.principal_point_y < height
-    if made.has_bogus_params(0.1, 10.0, 10.0) or not inside:
-        raise SettingError(f"camera {text}: this can't be the camera of images of {width}x{height} pixels")
     return made
 
 

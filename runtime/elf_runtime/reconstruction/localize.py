@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from elf_runtime.errors import SettingError
 from elf_runtime.results.features import Features
 from elf_runtime.results.matches import Matches
 
@@ -84,8 +85,12 @@ def localize(
     ElfError
         If pycolmap is not there.
     SettingError
-        If the descriptors are of other lengths, or COLMAP does not take the camera.
+        If the descriptors are of other lengths, `known` lacks an image of the model, or COLMAP does not take the
+        camera.
     """
+    if missing := [name for name in model.tracks if name not in known]:
+        more = f" and {len(missing) - 1} more of the model's images" if len(missing) > 1 else ", an image of the model"
+        raise SettingError(f"there are no features of {missing[0]}{more}")
     pixels, rows, votes = _correspondences(model, known, features, ratio)
     if camera is None:
         camera = _most_likely(votes, features.image_size)

@@ -124,6 +124,7 @@ def test_no_pose_of_unrelated_images(tmp_path: Path, monkeypatch: pytest.MonkeyP
         (["--ransac", "essential", "--K", "500,500"], 2, "--K 500,500: a camera is fx,fy,cx,cy"),
         (["--ransac", "essential", "--K=-500"], 2, "--K -500: a camera is"),
         (["--ransac", "essential", "--K", "0,500,1,1"], 2, "--K 0,500,1,1: a camera is"),
+        (["--ransac", "essential", "--K="], 2, "--K : not fx,fy,cx,cy"),
         (["--ransac", "essential", "--K", "nan"], 2, "--K nan: a camera is"),
         (["--ransac", "essential", "--K", "500,x,1,1"], 2, "--K 500,x,1,1: not fx,fy,cx,cy"),
         (["--ransac", "essential", "--K", "absent.txt"], 2, "--K absent.txt: not fx,fy,cx,cy"),
@@ -150,3 +151,10 @@ def test_one_line_for_what_is_wrong(
     assert error.startswith("elf-match: error: ")
     assert error.count("\n") == 1
     assert reason in error
+
+
+def test_a_principal_point_far_outside_the_image(views: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    error = "elf-match: error: --K: the principal point 1e+09,1e+09 lies far outside an image of 640x480 pixels\n"
+    for command in (["a.png", "b.png"], [".", "--pairs", "sequential"]):
+        assert main([*command, "--ransac", "essential", "--K", "500,500,1e9,1e9", *ALONE]) == 1
+        assert capsys.readouterr().err == error

@@ -54,6 +54,13 @@ def test_keypoints_come_back_half_a_pixel_further(pair: tuple[Features, Features
         np.testing.assert_array_equal(read[name][:, 2:], np.tile([1.0, 0.0], (200, 1)))
 
 
+def test_a_pair_that_is_given_both_ways_round_is_refused(pair: tuple[Features, Features], tmp_path: Path) -> None:
+    images, matched = {"a.jpg": pair[0], "b.jpg": pair[1]}, all_matched(200)
+    with pytest.raises(SettingError, match=r"^matches of a.jpg and b.jpg are given both ways round; leave one"):
+        write_database(tmp_path / "d.db", images, {("a.jpg", "b.jpg"): matched, ("b.jpg", "a.jpg"): matched})
+    assert not list(tmp_path.iterdir())
+
+
 def test_sizes_and_angles_are_colmap_s_scale_and_orientation(tmp_path: Path) -> None:
     points = np.array([[10, 20], [30, 40], [50, 60]])
     found = Features(*(getattr(features(points), name) for name in ("keypoints", "scores", "descriptors")), SIZE,

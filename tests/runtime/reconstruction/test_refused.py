@@ -13,9 +13,11 @@ import cv2
 import numpy as np
 import pytest
 
+from elf_runtime import ElfRuntime, Features, SettingError
 from elf_runtime.commands import localize, reconstruct
 from elf_runtime.files.write import new_folder
 from elf_runtime.reconstruction import Model, read_model
+from elf_runtime.reconstruction import localize as place
 from helpers import TINY, textured
 
 needs_pycolmap = pytest.mark.skipif(
@@ -99,7 +101,7 @@ def test_a_name_that_is_not_unicode(folder: Path, capsys: pytest.CaptureFixture[
 
 @pytest.mark.parametrize(
     ("option", "value"),
-    [("--K", "1,2,3"), ("--K", "0,1,1,1"), ("--camera", "PINHOLE"), ("--ratio", "1"), ("--ratio", "x")],
+    [("--ratio", "1"), ("--ratio", "x")],
 )
 def test_values_of_options(option: str, value: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stopped:
@@ -117,11 +119,44 @@ def test_images_that_have_nothing_in_common_leave_nothing(folder: Path, capsys: 
     assert sorted(path.name for path in folder.iterdir()) == ["photos"]
 
 
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ("--K=1,2,3", "--K 1,2,3: a camera is fx,fy,cx,cy in pixels, one focal length, or a file"),
+        ("--K=0,1,1,1", "--K 0,1,1,1: a camera is"),
+        ("--K=", "--K : not fx,fy,cx,cy, not one focal length, and no file"),
+        ("--K=skew.txt", "--K skew.txt: COLMAP's cameras have no skew, and this one's is 0.5"),
+        ("--camera=PINHOLE", "'PINHOLE' is not MODEL:p1,p2,..."),
+    ],
+)
+def test_what_is_no_camera(
+    given: str, expected: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    Path("skew.txt").write_text("80 0.5 48\n0 80 32\n0 0 1\n")
+    for command, words in ((reconstruct, ("photos", "-o", "out")), (localize, ("scene", "photos/a.png"))):
+        status, text = failed(command, capsys, *words, given)
+        assert (status, text.startswith(expected)) == (2, True), text
+
+
 @needs_pycolmap
-def test_a_camera_that_colmap_does_not_know(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    given = ("--model", TINY, "--preset", "default", "--camera", "FISHY:1,2")
-    status, text = failed(reconstruct, capsys, folder / "photos", "-o", folder / "out", *given)
-    assert (status, text.startswith("camera FISHY:1,2: COLMAP's models are")) == (2, True)
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ("--camera=FISHY:1,2", "camera FISHY:1,2: COLMAP's models are SIMPLE_PINHOLE, "),
+        ("--camera=PINHOL:80,80,48,32", "; did you mean 'PINHOLE'?"),
+        ("--camera=OPENCV:80,80,48,32", "camera OPENCV:80,80,48,32: the parameters of OPENCV are fx, fy, cx, cy, k1"),
+        ("--camera=PINHOLE:80,80,960,32", "this can't be the camera of images of 96x64 pixels"),
+        ("--K=80,80,100,32", "this can't be the camera of images of 96x64 pixels"),
+        ("--K=80,80,1e9,1e9", "--K: the principal point 1e+09,1e+09 lies far outside an image of 96x64 pixels"),
+    ],
+)
+def test_a_camera_that_colmap_does_not_take_is_refused_before_any_work(
+    given: str, expected: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(ElfRuntime, "detect", None)  # no image gets that far
+    status, text = failed(reconstruct, capsys, folder / "photos", "-o", folder / "out", "--model", TINY, given)
+    assert (status, expected in text) == (2, True), text
 
 
 def test_what_is_no_scene_can_t_be_localised_in(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -130,6 +165,18 @@ def test_what_is_no_scene_can_t_be_localised_in(folder: Path, capsys: pytest.Cap
     assert (status, "not a folder that elf-reconstruct wrote" in text) == (1, True)
     (folder / "reconstruction.json").write_text("{}")
     assert "not a folder that elf-reconstruct wrote" in failed(localize, capsys, folder, image)[1]
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"), [("b", "a, an image of the model"), ("", "a and 1 more of the model's images")]
+)
+def test_features_of_the_model_s_images_that_are_not_given_are_named(given: str, expected: str) -> None:
+    rows = np.ones((3, 8), np.float32)
+    one = Features(np.zeros((3, 2), np.float32), np.ones(3, np.float32), rows, (64, 96))
+    tracks = {name: np.full(3, -1) for name in "ab"}
+    model = Model({}, {}, np.zeros((0, 3)), np.zeros((0, 3), np.uint8), tracks, 0.0, 0.0)
+    with pytest.raises(SettingError, match=f"^there are no features of {expected}$"):
+        place(model, dict.fromkeys(given, one), one)
 
 
 def test_a_folder_without_a_model_is_said_to_be_one(tmp_path: Path) -> None:
