@@ -16,7 +16,7 @@ from elf_runtime.geometry.fit import Search, fit
 from elf_runtime.results.matching import match
 
 from . import command
-from .match_pairs import Pairs, Plan, file_stem
+from .match_pairs import Plan, file_stem
 from .match_report import Matched, single_document
 from .match_views import Views
 from .progress import Progress
@@ -55,8 +55,10 @@ class Run:
         for folder in (self._args.output, self._args.save):
             if folder is not None:
                 folder.mkdir(parents=True, exist_ok=True)
+        self._detect()
         start = time.perf_counter()
-        chosen = self._chosen()
+        nearest = self._plan.pairs is None
+        chosen = self._views.nearest(self._plan.nearest, self._plan.query) if nearest else self._plan.pairs or []
         self._progress = self._counting("pair", len(chosen))
         try:
             pairs = [self._pair(i, j) for i, j in chosen]
@@ -75,12 +77,10 @@ class Run:
     def _counting(self, unit: str, total: int) -> Progress:
         return Progress("elf-match", unit, total, self._stream, self._args.quiet)
 
-    def _chosen(self) -> Pairs:
-        if self._plan.pairs is not None:
-            return self._plan.pairs
-        images = self._counting("image", len(self._plan.paths))
+    def _detect(self) -> None:
+        images = self._counting("image", self._views.images)
         try:
-            return self._views.nearest(self._plan.nearest, self._plan.query, images.step)
+            self._views.detect_all(images.step)
         finally:
             images.close()
 

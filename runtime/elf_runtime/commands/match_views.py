@@ -6,7 +6,7 @@ import argparse
 import tempfile
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -21,7 +21,7 @@ from elf_runtime.results.features import Features, load_record
 from elf_runtime.results.global_descriptor import global_descriptor, nearest
 
 from . import options
-from .command import UsageError
+from .command import UsageError, text_of
 from .match_cameras import Float, Intrinsics
 from .match_pairs import FEATURE_SUFFIX, Pairs
 from .match_records import and_more, check_records, warn
@@ -104,10 +104,27 @@ class Views:
         try:
             found = self._found(index)
         except (ElfError, OSError) as error:
-            self._errors[index] = str(error)
+            self._errors[index] = text_of(error)
             raise
         self._keep(index, found)
         return found
+
+    @property
+    def images(self) -> int:
+        """How many are detected in, and not read from feature files."""
+        return len(self.paths) - len(self._records)
+
+    def detect_all(self, step: Callable[[], None]) -> None:
+        """Detect in every image, before anything is matched or pooled; `step` is called after each.
+
+        One after the other they are quick, in turns they are not: the threads of the network and those of NumPy's
+        products spin for a while when they are done, in each other's way where cores are few.
+        """
+        for index in range(len(self.paths)):
+            if index not in self._records:
+                with suppress(ElfError, OSError):  # which are kept, for those who ask for its features
+                    self.features(index)
+                step()
 
     def _found(self, index: int) -> Features:
         path = self.paths[index]
@@ -182,10 +199,10 @@ class Views:
             raise ElfError(f"{self.paths[index]}: {what}")
         return Path(name)
 
-    def nearest(self, count: int, query: bool, step: Callable[[], None]) -> Pairs:
+    def nearest(self, count: int, query: bool) -> Pairs:
         """The pairs of each image, or of the first one alone, with those nearest by `global_descriptor`, in order.
 
-        An image that fails has none.  `step` is called after each image.
+        An image that fails has none.
         """
         pooled: dict[int, npt.NDArray[np.float32]] = {}
         for index in range(len(self.paths)):
@@ -198,8 +215,7 @@ class Views:
             except SettingError as error:
                 self._errors[index] = f"{self.paths[index]}: {error}"
             except (ElfError, OSError) as error:
-                self._errors[index] = str(error)
-            step()
+                self._errors[index] = text_of(error)
         if not pooled or (query and 0 not in pooled):
             return []
         places = list(pooled)

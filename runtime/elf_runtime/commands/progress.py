@@ -33,7 +33,7 @@ class Progress:
     def __init__(self, command: str, unit: str, total: int | None, lines: TextIO, quiet: bool = False) -> None:
         self._command, self._lines, self._quiet = command, lines, quiet
         self._unit, self._total = unit, total
-        self._bar = None if quiet or total == 1 else _bar(unit, total)
+        self._bar = None if quiet or total in (0, 1) else _bar(unit, total)
         self._count, self._spoke = 0, time.monotonic()
 
     def done(self, line: str) -> None:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from elf_runtime.commands import progress
+from elf_runtime import ElfRuntime
+from elf_runtime.commands import match_run, match_views, progress
 from elf_runtime.commands.match import main as match
 from elf_runtime.commands.progress import Progress
 from helpers import TINY
@@ -68,10 +71,30 @@ def test_elf_match_prints_its_pairs_beside_a_bar_that_knows_how_many(
     monkeypatch.setattr(progress, "_bar", Bar)
     assert match([str(tmp_path), "--pairs", which, "--model", str(TINY), "--threads", "1", "--threshold", "none"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    if which == "nearest:2":  # the images have a bar of their own, which is closed before that of the pairs
-        assert lines[: lines.index("<close>") + 1] == ["<3 image>", "<+1>", "<+1>", "<+1>", "<close>"]
-        lines = lines[lines.index("<close>") + 1 :]
+    # The images have a bar of their own, which is closed before that of the pairs.
+    assert lines[:5] == ["<3 image>", "<+1>", "<+1>", "<+1>", "<close>"]
+    lines = lines[5:]
     assert lines[0] == "<3 pair>"
     said = [line for line in lines if not line.startswith("<")]
     assert [line.partition(":")[0] for line in said[:3]] == ["1.png, 2.png", "1.png, 3.png", "2.png, 3.png"]
     assert said[3].startswith("3 pairs in ")
+
+
+@pytest.mark.parametrize("which", ["exhaustive", "sequential", "nearest:1"])
+def test_elf_match_detects_in_all_images_before_it_matches(
+    which: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In turns, the threads of the network and of NumPy's products wait in each other's way."""
+    write_views(tmp_path, ["1.png", "2.png", "3.png"])
+    calls: list[str] = []
+
+    def noted(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda *arguments, **named: (calls.append(name), function(*arguments, **named))[1]
+
+    monkeypatch.setattr(ElfRuntime, "detect", noted("detect", ElfRuntime.detect))
+    for module, name in ((match_run, "match"), (match_views, "global_descriptor")):
+        monkeypatch.setattr(module, name, noted(name, getattr(module, name)))
+    assert match([str(tmp_path), "-q", "--pairs", which, "--model", str(TINY), "--threads", "1"]) == 0
+    assert calls[:3] == ["detect"] * 3
+    assert "detect" not in calls[3:]
+    assert "match" in calls
