@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,7 +18,7 @@ from elf_runtime.image.exif import focal_length_px
 from elf_runtime.image.file import image_errors, read
 from elf_runtime.pictures.file import write_picture
 from elf_runtime.pictures.scene import scene_picture
-from elf_runtime.reconstruction.cameras import Camera, shared_cameras
+from elf_runtime.reconstruction.cameras import Camera, doubts, shared_cameras
 from elf_runtime.reconstruction.database import write_database
 from elf_runtime.reconstruction.mapping import map_database
 from elf_runtime.reconstruction.model import Model, Pose
@@ -96,8 +97,9 @@ class Steps:
         )  # fmt: skip
         self._draw(models[0], len(found), out / "reconstruction.png")
         self._say_result(models, len(found))
+        warnings = self._warnings(models, cameras)
         pairs = {"count": len(matches), "matches": total, "verified_matches": kept, "verified_pairs": supported}
-        return self._summary(models, found, pairs)
+        return self._summary(models, found, pairs) | {"warnings": warnings}
 
     def _matches(self, found: Mapping[str, Features]) -> dict[tuple[str, str], Matches]:
         pairs = self._pairs(found)
@@ -159,6 +161,16 @@ class Steps:
             f"{len(first.poses)} of {images} images registered, {len(first.xyz)} points, each in "
             f"{first.track_length:.2f} images on average, mean reprojection error {first.reprojection_error:.3f} px"
         )
+
+    def _warnings(self, models: Sequence[Model], start: Mapping[str, Camera]) -> list[str]:
+        """Said and returned: what is improbable of the cameras, and what helps."""
+        helps = "give --K" if self._args.share == "all" else "--share all helps if one camera took them, else --K"
+        found = [
+            f"{doubt}; the model may be wrong, {helps}" for model in models for doubt in doubts(model.cameras, start)
+        ]
+        for text in found[: 0 if self._args.quiet else _MOST_CAMERAS]:
+            say(f"elf-reconstruct: warning: {text}", sys.stderr)
+        return found
 
     def _summary(
         self, models: Sequence[Model], found: Mapping[str, Features], pairs: Mapping[str, int]

@@ -15,6 +15,9 @@ from elf_runtime.geometry.cameras import Cameras
 Size = tuple[int, int]
 SHARES = ("folder", "all", "image")
 GUESSED_MODEL = "SIMPLE_RADIAL"  # one focal length, one coefficient of distortion
+FURTHEST = 2.0  # an estimated focal length, from where the search for it began
+_MOST_APART = 1.5  # two of images of one size, which are likely to be of one camera
+_MOST_DISTORTION = 0.5
 GUESSED_FOCAL = 1.2  # times the longer side: COLMAP's guess, an angle of view of 45 degrees
 
 
@@ -136,6 +139,44 @@ def shared_cameras(
             camera = Camera.guessed(sizes[names[0]], _middle(known.get(name) for name in names))
         cameras |= dict.fromkeys(names, camera)
     return {name: cameras[name] for name in sizes}
+
+
+def doubts(estimated: Mapping[str, Camera], start: Mapping[str, Camera]) -> list[str]:
+    """What makes estimated intrinsics improbable, and with them the model; empty where nothing does.
+
+    They are so where a focal length is twice or half of what the search began with, where the coefficient of distortion
+    is above 0.5, and where focal lengths of images of one size are 1.5 times apart.
+
+    Parameters
+    ----------
+    estimated : mapping
+        Image's name -> camera, as a model has them.
+    start : mapping
+        Of at least the same names.  What did not change is in no doubt.
+
+    Returns
+    -------
+    list of str
+        Each camera once, by its first image.
+    """
+    found: list[str] = []
+    focals: dict[Size, list[float]] = {}
+    seen: set[Camera] = set()
+    for name, camera in estimated.items():
+        if camera in seen or camera.params == start[name].params:
+            continue
+        seen.add(camera)
+        length, began = camera.params[0], start[name].params[0]
+        focals.setdefault(camera.image_size, []).append(length)
+        if max(length / began, began / length) > FURTHEST:
+            found.append(f"{name}: focal length {length:.6g} px, where the search began with {began:.6g}")
+        if camera.model == GUESSED_MODEL and abs(camera.params[3]) > _MOST_DISTORTION:
+            found.append(f"{name}: coefficient of distortion {camera.params[3]:.3g}")
+    for (height, width), lengths in focals.items():
+        low, high = min(lengths), max(lengths)
+        if high > _MOST_APART * low:
+            found.append(f"images of {width}x{height} pixels: focal lengths from {low:.6g} to {high:.6g} px")
+    return found
 
 
 def _middle(focals: Iterable[float | None]) -> float | None:

@@ -6,6 +6,7 @@ import pytest
 
 from elf_runtime import SettingError
 from elf_runtime.reconstruction import Calibration, Camera, exhaustive, sequential, shared_cameras
+from elf_runtime.reconstruction.cameras import doubts
 
 WIDE, TALL = (480, 640), (640, 480)
 SIZES = {"a/1.jpg": WIDE, "a/2.jpg": WIDE, "b/1.jpg": WIDE, "b/2.jpg": TALL, "3.jpg": WIDE}
@@ -78,3 +79,26 @@ def test_pairs() -> None:
     assert sequential(names, 1) == [("a", "b"), ("b", "c"), ("c", "d")]
     with pytest.raises(SettingError, match="1 or more, not 0"):
         sequential(names, 0)
+
+
+def estimated(focal: float, distortion: float = 0.0, size: tuple[int, int] = WIDE) -> Camera:
+    return Camera("SIMPLE_RADIAL", (focal, 320.0, 240.0, distortion), size)
+
+
+def test_cameras_that_are_hardly_possible_are_named() -> None:
+    start = {name: Camera.guessed(WIDE) for name in "abc"}  # 768 px
+    good = estimated(640.0, -0.3)
+    assert doubts(dict.fromkeys("abc", good), start) == []
+    one = estimated(2424.0)
+    assert doubts(dict.fromkeys("abc", one), start) == ["a: focal length 2424 px, where the search began with 768"]
+    assert doubts({"b": estimated(380.0)}, start) == ["b: focal length 380 px, where the search began with 768"]
+    assert doubts({"a": estimated(828.0, 3.9)}, start) == ["a: coefficient of distortion 3.9"]
+    assert doubts({"a": estimated(828.0, -0.6)}, start) == ["a: coefficient of distortion -0.6"]
+    apart = {"a": estimated(828.0), "b": estimated(1304.0), "c": estimated(1000.0)}
+    assert doubts(apart, start) == ["images of 640x480 pixels: focal lengths from 828 to 1304 px"]
+    assert doubts({"a": estimated(800.0), "b": estimated(1300.0, size=TALL)}, start) == []
+
+
+def test_a_camera_that_stayed_as_given_is_in_no_doubt() -> None:
+    fisheye = estimated(300.0, 0.9)
+    assert doubts({"a": estimated(300.0, 0.9)}, {"a": fisheye}) == []

@@ -11,6 +11,7 @@ import pytest
 
 from elf_runtime import Features, global_descriptor
 from elf_runtime.commands.reconstruct_steps import Steps
+from elf_runtime.reconstruction import Camera, Model
 
 NAMES = ["a.jpg", "b.jpg", "sub/c.jpg", "sub/d.jpg"]
 
@@ -33,6 +34,17 @@ def found() -> dict[str, Features]:
 
 def pairs(found: dict[str, Features], rule: str, folder: Path = Path()) -> list[tuple[str, str]]:
     return Steps(argparse.Namespace(pairs=rule, folder=folder, quiet=True), io.StringIO())._pairs(found)
+
+
+@pytest.mark.parametrize(("share", "quiet"), [("folder", False), ("all", False), ("folder", True)])
+def test_improbable_cameras_are_warned_of(share: str, quiet: bool, capsys: pytest.CaptureFixture[str]) -> None:
+    camera = Camera("SIMPLE_RADIAL", (2424.0, 320.0, 240.0, 0.0), (480, 640))
+    model = Model({}, {"a.jpg": camera}, np.zeros((0, 3)), np.zeros((0, 3), np.uint8), {}, 0.0, 0.0)
+    steps = Steps(argparse.Namespace(share=share, quiet=quiet), io.StringIO())
+    (found,) = steps._warnings([model], {"a.jpg": Camera.guessed((480, 640))})
+    assert found.startswith("a.jpg: focal length 2424 px, where the search began with 768; the model may be wrong, ")
+    assert ("--share all" in found, "--K" in found) == (share != "all", True)
+    assert capsys.readouterr().err == ("" if quiet else f"elf-reconstruct: warning: {found}\n")
 
 
 def test_by_order(found: dict[str, Features]) -> None:
