@@ -36,7 +36,10 @@ def _need_onnx(named: bool) -> None:
         if error.name != "onnx":
             raise ExportError(f"the package onnx is installed but can't be loaded: {error}") from error
         if named:
-            raise ExportError("named networks need PyTorch and onnx: pip install torch onnx") from error
+            raise ExportError(
+                "named networks need PyTorch and onnx: pip install torch (the CPU build is enough), then pip install "
+                '".[export]"'
+            ) from error
         raise ExportError("elf-export --onnx needs the package onnx, and no PyTorch: pip install onnx") from error
 
 

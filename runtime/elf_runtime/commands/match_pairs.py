@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
-from elf_runtime.errors import reason
+from elf_runtime.errors import reason, suggestion
 from elf_runtime.files.kind import open_regular
 
 from .command import UsageError
@@ -48,9 +48,10 @@ class Choice:
         if found is not None:
             return cls(found[1] or found[2] or found[4], int(found[3] or 1))
         if not os.path.lexists(text):
+            kind, kinds = text.partition(":")[0], ("exhaustive", "sequential", "nearest")
             raise UsageError(
                 f"--pairs {text}: not exhaustive, sequential, sequential:N or nearest:N with N from 1 on, and no file "
-                "of this name"
+                f"of this name{'' if kind in kinds else suggestion(kind, kinds)}"
             )
         return cls("file", file=Path(text))
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import re
+import sys
 from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
 from itertools import pairwise
 from typing import Any, NoReturn
 
@@ -27,6 +29,11 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**{"allow_abbrev": False, **options})
+        self._words: list[str] = []  # the command line
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        self._words = [str(word) for word in (sys.argv[1:] if args is None else args)]
+        return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
         message += self._meant(message)
@@ -38,9 +45,19 @@ class Parser(argparse.ArgumentParser):
         """What a word that argparse refuses may have meant."""
         if message.startswith("unrecognized arguments: "):
             word = next((w for w in message.split()[2:] if w.startswith("-")), "").partition("=")[0]
-            return suggestion(word, _options(self)) if word else ""
+            return self._near_option(word)
+        if message.startswith("the following arguments are required: "):
+            given = [word.partition("=")[0] for word in self._words if word.startswith("--")]
+            unknown = next((word for word in given if word not in set(_options(self))), "")
+            return f" ({unknown} is unknown{near})" if (near := self._near_option(unknown)) else ""
         choice = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)$", message)
         return suggestion(choice[1], re.findall(r"[\w.:-]+", choice[2])) if choice else ""
+
+    def _near_option(self, word: str) -> str:
+        """As `suggestion`, for the hyphens that all options begin with make none alike."""
+        names = {option.lstrip("-"): option for option in _options(self)}
+        near = get_close_matches(word.lstrip("-"), names, n=1)
+        return f"; did you mean {names[near[0]]!r}?" if near else ""
 
 
 def _options(parser: argparse.ArgumentParser) -> Iterator[str]:

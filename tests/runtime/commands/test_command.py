@@ -151,6 +151,10 @@ def test_what_follows_json_is_no_input_that_would_be_lost(
         (["--providr", "cuda"], "--provider"),
         (["--preset", "acurate"], "accurate"),
         (["--zzz"], None),
+        (["--pask"], "--mask"),
+        (["--versus"], "--version"),
+        (["--kson"], "--json"),
+        (["--max"], None),
         (["--preset", "zzz"], None),
     ],
 )

@@ -69,12 +69,17 @@ def test_a_missing_library_is_named_with_what_to_install(
     assert "During handling" not in done.stderr  # one error, not a chain of them
 
 
+NAMED = (
+    'named networks need PyTorch and onnx: pip install torch (the CPU build is enough), then pip install ".[export]"'
+)
+
+
 @pytest.mark.parametrize(
     ("options", "content", "said"),
     [
         ("--onnx a.onnx --list", None, "elf-export --onnx needs the package onnx, and no PyTorch: pip install onnx"),
-        ("--net vgg --layer pool1", None, "named networks need PyTorch and onnx: pip install torch onnx"),
-        ("--list", None, "named networks need PyTorch and onnx: pip install torch onnx"),
+        ("--net vgg --layer pool1", None, NAMED),
+        ("--list", None, NAMED),
         ("--onnx a.onnx --list", "raise ImportError('protobuf is too old')",
          "the package onnx is installed but can't be loaded: protobuf is too old"),
     ],

@@ -40,6 +40,9 @@ def get_network(name: str) -> Network:
     except ModuleNotFoundError as error:
         if error.name != "torch":
             raise
-        raise ExportError(f"--net {name} is built with PyTorch: pip install torch (the CPU build is enough)") from error
+        raise ExportError(
+            f"--net {name} is built with PyTorch: pip install torch (the CPU build is enough), then pip install "
+            '".[export]"'
+        ) from error
     assert isinstance(network, Network)
     return network
