@@ -63,6 +63,7 @@ def build_parser() -> Parser:
         help="optimise that file for this processor's vectors: faster, and for such processors only",
     )  # fmt: skip
     add_json(parser, "everything")
+    options.add_quiet(parser)
     return parser
 
 
@@ -101,7 +102,7 @@ def _work(args: argparse.Namespace) -> int:
         report["error"] = "\n".join(map(str, failures))
     if args.json:
         command.write_json(args.json, report)
-    if args.json != "-":
+    if args.json != "-" and not args.quiet:
         say(report_text(report))
     sys.stdout.flush()
     for reason in failures:

@@ -70,6 +70,7 @@ def build_parser() -> Parser:
     )  # fmt: skip
     add_json(parser, "what is in reconstruction.json")
     options.add_quiet(parser)
+    options.add_mask(parser)
     options.add_max_pixels_option(parser)
     cameras = parser.add_argument_group("cameras")
     cameras.add_argument(
@@ -108,8 +109,10 @@ def _work(args: argparse.Namespace) -> int:
     elf = options.open_runtime(args)
     if elf.contract.descriptor(args.descriptor) is None:
         raise SettingError(f"{args.model}: exported with --desc none, it can't describe, and so not match")
+    args.ignore_exif = True  # also of the mask
+    mask = options.read_mask(args)
     run = Steps(args, sys.stderr if args.json == "-" else sys.stdout)
-    found = run.features(elf, names)
+    found = run.features(elf, names, mask)
     if len(found) < 2:
         raise ElfError(f"{args.folder}: fewer than two of its images can be read")
     with new_folder(args.output) as part:
@@ -143,7 +146,7 @@ def _check_options(args: argparse.Namespace) -> list[str]:
             else "exists; --overwrite replaces it"
         )
         raise UsageError(f"-o {args.output}: it {why}")
-    check_outputs({"--json": [args.json]}, {"the model": [args.model]})
+    check_outputs({"--json": [args.json]}, {"the model": [args.model], "the mask": [args.mask]})
     paths = sorted(image_files([str(args.folder)], recursive=True), key=natural)
     names = [path.relative_to(args.folder).as_posix() for path in paths]
     if unknown := [name for name in names if not _is_unicode(name)]:

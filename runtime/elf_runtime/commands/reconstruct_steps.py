@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
+import numpy.typing as npt
 
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError, SettingError, printable
@@ -54,8 +55,10 @@ class Steps:
         if time.monotonic() - self._spoke > _PATIENCE:
             self.say(text)
 
-    def features(self, elf: ElfRuntime, names: Sequence[str]) -> dict[str, Features]:
-        """Of each image that can be read, in its pixels as stored; what is wrong with another is said."""
+    def features(
+        self, elf: ElfRuntime, names: Sequence[str], mask: npt.NDArray[np.bool_] | None = None
+    ) -> dict[str, Features]:
+        """Of each image that can be read, in pixels as stored, as is the mask; what is wrong with another is said."""
         found = {}
         for name in names:
             path = self._args.folder / name
@@ -63,7 +66,7 @@ class Steps:
             try:
                 pixels = read(path, ignore_exif=True, max_pixels=self._args.max_pixels)
                 with image_errors(path):
-                    found[name] = elf.detect(pixels, **options.settings(self._args))
+                    found[name] = elf.detect(pixels, mask=mask, **options.settings(self._args))
             except SettingError:  # the same for all
                 raise
             except ElfError as error:

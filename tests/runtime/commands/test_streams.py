@@ -31,6 +31,14 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+def test_a_quiet_elf_info_says_errors_only(folder: Path) -> None:
+    run = shell(f"ELF-info -q --provider cpu --json m.json {TINY}", folder)
+    assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
+    assert (folder / "m.json").exists()
+    run = shell("ELF-info -q few/a.png", folder)
+    assert (run.returncode, run.stdout, run.stderr.count("\n")) == (1, "", 1)
+
+
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
 def test_closed_streams_stop_no_work(closed: str, folder: Path) -> None:
     run = shell(f"ELF-detect few -o out MODEL {closed}", folder)

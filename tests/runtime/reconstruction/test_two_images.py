@@ -9,9 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
+from elf_runtime import Features
 from elf_runtime.commands import reconstruct
 from elf_runtime.reconstruction import read_model
-from helpers import textured
+from helpers import textured, turned_jpeg
 
 from .room import SIZE, K, views
 
@@ -42,6 +43,21 @@ def test_two_images_are_placed(others: int, tmp_path: Path) -> None:
     moves = [a.rotation @ (b.center - a.center), pair[0].rotation @ (pair[1].center - pair[0].center)]
     cosine = moves[0] @ moves[1] / np.linalg.norm(moves[0]) / np.linalg.norm(moves[1])
     assert np.degrees(np.arccos(cosine)) < 2.0
+
+
+def test_a_mask_is_of_all_images(tmp_path: Path) -> None:
+    """In pixels as stored: the JPEGs ask to be turned."""
+    (tmp_path / "photos").mkdir()
+    for name, number in (("a", 3), ("b", 5)):
+        (tmp_path / "photos" / f"{name}.jpg").write_bytes(turned_jpeg(views()[number].image))
+    mask = np.zeros(SIZE, np.uint8)
+    mask[:, :500] = 255
+    (tmp_path / "mask.jpg").write_bytes(turned_jpeg(mask))
+    assert made(tmp_path, "--mask", str(tmp_path / "mask.jpg"), "-q") == 0
+    for name in ("a", "b"):
+        found = Features.load(tmp_path / "out" / "features" / f"{name}.jpg.npz")
+        assert len(found) > 500
+        assert 300 < found.keypoints[:, 0].max() < 505
 
 
 def test_where_nothing_can_be_placed_only_one_line_is_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
