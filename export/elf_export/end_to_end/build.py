@@ -15,10 +15,19 @@ from elf_runtime import DescriptorSpec, DetectionParams, ModelContract
 from .describe import described
 from .emit import DOUBLE, FLOAT, Emit, f32, f64, i64
 from .levels import scores_and_level
-from .places import allowed_pixels, enough_contrast, looked_up, mask_border, shrunk, textured, window, within_border
+from .places import (
+    allowed_pixels,
+    contrast_window,
+    enough_contrast,
+    looked_up,
+    mask_border,
+    shrunk,
+    textured,
+    within_border,
+)
 from .refine import quadratic_peaks, split
 from .resize import Working, working_image
-from .suppress import greedy, strongest, window_maxima
+from .suppress import Window, greedy, strongest, window_maxima
 
 LEAST_OPSET = 14  # CumSum, Pad, Squeeze with axes as an input; Max and Min of all number types
 IMAGE, MASK, MOST, THRESHOLD = "image", "mask", "max_keypoints", "threshold"
@@ -49,7 +58,11 @@ def refusals(contract: ModelContract, opset: int) -> list[str]:
         found.append(f"opset {opset}; --opset {LEAST_OPSET} or later has the ops")
     if contract.input.is_fixed:
         found.append("images of one size only")
-    for unwanted, name in ((bool(params.scales), "scales"), (params.oriented, "oriented"), (params.grid != (1, 1), "grid")):
+    for unwanted, name in (
+        (bool(params.scales), "scales"),
+        (params.oriented, "oriented"),
+        (params.grid != (1, 1), "grid"),
+    ):
         if unwanted:
             found.append(f"the setting {name}")
     if not isinstance(params.max_side, str):
@@ -102,15 +115,15 @@ def end_to_end(model: onnx.ModelProto, contract: ModelContract, form: Form = For
 def _post(graph: Graph, working: Working, contract: ModelContract, spec: DescriptorSpec | None, form: Form) -> None:
     params = contract.detection
     e = Emit(graph, "places")
-    inside = shrunk(e, MASK, mask_border(params, contract.receptive_field))
+    inside = shrunk(e, MASK, mask_border(e, params, contract.receptive_field, working.scale))
     allowed = allowed_pixels(e, inside, working)
     scores, level = scores_and_level(Emit(graph, "levels"), contract.saliency_output, params, allowed, THRESHOLD)
     passed = _passed(graph, working, contract, scores, level, allowed)
     e = Emit(graph, "suppress")
-    radius = max(1, round(params.nms_radius * params.scale)) if params.nms_radius else 0
+    window = Window.of(e, params.nms_radius, params.scale, working.scale, one_for_all=form.rounds > 0)
     if params.suppression == "maxima":
-        passed = e("And", passed, window_maxima(e, scores, radius))
-    taken = greedy(e, scores, passed, radius, form.rounds)
+        passed = e("And", passed, window_maxima(e, scores, window))
+    taken = greedy(e, scores, passed, window, form.rounds)
     values, flat = strongest(e, scores, taken, MOST)
     x, y = _placed(graph, working, params, scores, flat, inside)
     e = Emit(graph, "outputs")
@@ -127,7 +140,7 @@ def _passed(graph: Graph, working: Working, contract: ModelContract, scores: str
     params, e = contract.detection, Emit(graph, "passed")
     conditions = [allowed, within_border(e, params.border, working), textured(e, working.pixels)]
     if params.min_contrast > 0:
-        side = window(contract.input, contract.receptive_field)
+        side = contrast_window(contract.receptive_field)
         least = params.min_contrast * contract.input.value_range / 255
         conditions.append(enough_contrast(e, working.pixels, contract.input.channels, side, least))
     places = e("Unsqueeze", e.both(*conditions), np.array([0, 1], i64))
@@ -162,7 +175,11 @@ def _signature(graph: Graph, contract: ModelContract, spec: DescriptorSpec | Non
     kind = {"uint8": TensorProto.UINT8, "float32": TensorProto.FLOAT}[form.pixels]
     fixed = {"kapur": -1.0, "none": 0.0}
     threshold = fixed[params.threshold] if isinstance(params.threshold, str) else params.threshold
-    defaults = {MOST: np.array(params.max_keypoints, i64), THRESHOLD: np.array(threshold, f32), MASK: np.ones((1, 1), np.uint8)}
+    defaults = {
+        MOST: np.array(params.max_keypoints, i64),
+        THRESHOLD: np.array(threshold, f32),
+        MASK: np.ones((1, 1), np.uint8),
+    }
     infos = [helper.make_tensor_value_info(IMAGE, kind, [1, "H", "W", "C"])]
     for name, value in defaults.items():
         proto.initializer.append(onnx.numpy_helper.from_array(value, name))

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from onnx import TensorProto
+import onnx
+from onnx import TensorProto, helper
 
 from elf_export.graph.graph import Graph
 
 FLOAT, DOUBLE, INT64, BOOL = TensorProto.FLOAT, TensorProto.DOUBLE, TensorProto.INT64, TensorProto.BOOL
 Value = str | np.generic | npt.NDArray[Any]
 f32, f64, i64 = np.float32, np.float64, np.int64
+Made = TypeVar("Made", str, Sequence[str])
 
 
 class Emit:
@@ -67,9 +70,54 @@ class Emit:
         """int64 (n,): 0, 1 ... n - 1."""
         return self("Range", i64(0), n, i64(1))
 
+    def name(self, wanted: str) -> str:
+        """A name of this step that no value has."""
+        return self.graph.unique(f"{self._prefix}/{wanted}")
+
+    def either(self, condition: str, one: Callable[[], str], other: Callable[[], str]) -> str:
+        """An If: what the one or the other function makes, a float map (1, 1, h, w)."""
+        branches = {}
+        for key, make in (("then_branch", one), ("else_branch", other)):
+            found, nodes = self._apart(make)
+            branches[key] = helper.make_graph(nodes, key, [], [_map(found)])
+        return self("If", condition, **branches)
+
+    def loop(self, most: int, carried: Mapping[str, str], body: Callable[[], Sequence[str]]) -> list[str]:
+        """A Loop over float maps (1, 1, h, w): `carried` is the name within -> the first value.
+
+        `body` gives whether to go on, bool (), and the next values; at most so many rounds.  Returns the last values.
+        """
+        (go_on, *values), nodes = self._apart(body)
+        number, going = self.name("round"), self.name("going")
+        inputs = [
+            helper.make_tensor_value_info(number, INT64, []), helper.make_tensor_value_info(going, BOOL, []),
+            *map(_map, carried),
+        ]  # fmt: skip
+        outputs = [helper.make_tensor_value_info(go_on, BOOL, []), *map(_map, values)]
+        inner = helper.make_graph(nodes, "body", inputs, outputs)
+        self("Loop", i64(most), np.bool_(True), *carried.values(), outputs=len(carried), body=inner)
+        return list(self.graph.nodes[-1].output)
+
+    def _apart(self, make: Callable[[], Made]) -> tuple[Made, list[onnx.NodeProto]]:
+        """What a function makes, and the nodes that it adds, which are taken out of the graph again.
+
+        Constants stay with the graph, where a body reads them.
+        """
+        start = len(self.graph.nodes)
+        found = make()
+        added = list(self.graph.nodes[start:])
+        copies = [onnx.NodeProto.FromString(node.SerializeToString()) for node in added]
+        for node in reversed(added):
+            self.graph.remove(node)
+        return found, copies
+
     def both(self, *conditions: str) -> str:
         """The conjunction of conditions."""
         first, *rest = conditions
         for other in rest:
             first = self("And", first, other)
         return first
+
+
+def _map(name: str) -> onnx.ValueInfoProto:
+    return helper.make_tensor_value_info(name, FLOAT, [1, 1, None, None])

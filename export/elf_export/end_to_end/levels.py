@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 
 from elf_runtime import DetectionParams
 
@@ -11,9 +13,7 @@ from .emit import DOUBLE, FLOAT, INT64, Emit, Value, f32, f64, i64
 _BINS = 256
 
 
-def scores_and_level(
-    e: Emit, saliency: str, params: DetectionParams, allowed: str, threshold: str
-) -> tuple[str, str]:
+def scores_and_level(e: Emit, saliency: str, params: DetectionParams, allowed: str, threshold: str) -> tuple[str, str]:
     """The denoised saliency, (1, 1, h, w), and the lowest score that passes, float32 ().
 
     Parameters
@@ -58,10 +58,24 @@ def blurred(e: Emit, x: str, blur: tuple[int, float], quantize: bool = False) ->
     mu, sigma = blur
     if mu == 1:
         return x
+    if quantize:
+        kernel = _kernel_of_bytes(mu, sigma)
+        return e("Floor", e("Add", separable(e, x, kernel, kernel), f32(0.5)))
     at = np.arange(mu) - (mu - 1) / 2
     kernel = np.exp(-(at**2) / (2 * sigma**2))
-    found = separable(e, x, (kernel / kernel.sum()).astype(f32), (kernel / kernel.sum()).astype(f32))
-    return e("Floor", e("Add", found, f32(0.5))) if quantize else found  # 8-bit maps are blurred to 8 bits
+    kernel = kernel / kernel.sum()
+    return separable(e, x, kernel, kernel)
+
+
+def _kernel_of_bytes(mu: int, sigma: float) -> npt.NDArray[np.float64]:
+    """The kernel that OpenCV blurs bytes with, in whole 256ths, as it shows itself on a bright pixel.
+
+    Products of two and a byte are whole 65536ths, which float32 holds and adds up exactly.
+    """
+    pixel = np.zeros((1, 2 * mu - 1), np.uint8)
+    pixel[0, mu - 1] = 255
+    seen = cv2.GaussianBlur(pixel, (mu, 1), sigma)[0, mu // 2 : mu // 2 + mu].astype(np.float64)
+    return np.floor(seen * 256 / 255 + 0.5) / 256
 
 
 def separable(e: Emit, x: str, along_x: Value, along_y: Value, channels: int = 1) -> str:

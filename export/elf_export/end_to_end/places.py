@@ -2,37 +2,39 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from elf_runtime import DetectionParams, InputSpec
+from elf_runtime import DetectionParams
 from elf_runtime.detection.contrast import LEAST_WINDOW
 
-from .emit import DOUBLE, FLOAT, INT64, Emit, f32, i64
+from .emit import DOUBLE, FLOAT, INT64, Emit, f32, f64, i64
 from .levels import separable
 from .resize import Working
 
 
-def mask_border(params: DetectionParams, receptive_field: float) -> int:
-    """Source pixels that keypoints keep away from a mask's edge: see `DetectionParams.mask_border`."""
+def mask_border(e: Emit, params: DetectionParams, receptive_field: float, scale: str) -> str:
+    """Source pixels, int64 (), that keypoints keep away from a mask's edge: see `DetectionParams.mask_border`."""
     if not isinstance(params.mask_border, str):
-        return params.mask_border
+        return e.value(i64(params.mask_border))
     if not receptive_field:
-        return params.border
-    return math.ceil((receptive_field - 1 + params.denoise[0] - 1) / 2 / min(params.scale, 1.0))
+        return e.value(i64(params.border))
+    reach = f64((receptive_field - 1 + params.denoise[0] - 1) / 2)
+    return e.cast(e("Ceil", e("Div", reach, scale)), INT64)
 
 
-def shrunk(e: Emit, mask: str, pixels: int) -> str:
-    """A mask, (H', W') of numbers or bools, as bools without the pixels that lie so near to one that it leaves out."""
-    inside = e("Not", e("Equal", e.cast(mask, FLOAT), f32(0)))
-    if pixels == 0:
-        return inside
-    outside = e("Unsqueeze", e.cast(e("Not", inside), FLOAT), np.array([0, 1], i64))
-    side = 2 * pixels + 1
-    for kernel, pads in (([1, side], [0, pixels, 0, pixels]), ([side, 1], [pixels, 0, pixels, 0])):
-        outside = e("MaxPool", outside, kernel_shape=kernel, pads=pads)
-    return e("Squeeze", e("Equal", outside, f32(0)), np.array([0, 1], i64))
+def shrunk(e: Emit, mask: str, pixels: str) -> str:
+    """A mask, (H', W') of numbers, as bools without the pixels that lie so near to one that it leaves out.
+
+    A pixel stays if the window around it has no pixel left out: the running sum grows by nothing across it.
+    """
+    left_out = e.cast(e("Equal", e.cast(mask, FLOAT), f32(0)), DOUBLE)
+    for axis in (0, 1):
+        n = e.size(mask, axis)
+        total = e("Pad", e("CumSum", left_out, i64(axis)), np.eye(4, dtype=i64)[axis])  # a line of zeros in front
+        end = e("Min", e("Add", e("Add", e.count(n), pixels), i64(1)), n)
+        begin = e("Max", e("Sub", e.count(n), pixels), i64(0))
+        left_out = e("Sub", e("Gather", total, end, axis=axis), e("Gather", total, begin, axis=axis))
+    return e("Equal", left_out, f64(0))
 
 
 def looked_up(e: Emit, mask: str, x: str, y: str, working: Working) -> str:
@@ -76,7 +78,7 @@ def textured(e: Emit, pixels: str) -> str:
     return e("Greater", e("ReduceMax", differs, keepdims=0), f32(0))
 
 
-def window(spec: InputSpec, receptive_field: float) -> int:
+def contrast_window(receptive_field: float) -> int:
     """The side of the contrast's window, odd, for images of any size: see `contrast.window_for`."""
     side = max(LEAST_WINDOW, int(receptive_field))
     return max(3, side - 1 | 1)
@@ -97,5 +99,3 @@ def enough_contrast(e: Emit, pixels: str, channels: int, side: int, least: float
     left = e("Sub", e("Sub", square, e("Mul", mean, mean)), plane)
     variance = e("ReduceMean", left, axes=[1], keepdims=0)
     return e("Squeeze", e("Not", e("Less", variance, f32(least * least))), np.array([0], i64))
-
-

@@ -22,7 +22,9 @@ def quadratic_peaks(e: Emit, scores: str, x: str, y: str, size: tuple[str, str])
     around = _around(e, e.flat(scores), x, y, h, w)  # (K, 3, 3), [row][column]
 
     def at(row: int, column: int) -> str:
-        picked = e("Slice", around, np.array([row, column], i64), np.array([row + 1, column + 1], i64), np.array([1, 2], i64))
+        picked = e(
+            "Slice", around, np.array([row, column], i64), np.array([row + 1, column + 1], i64), np.array([1, 2], i64)
+        )
         return e.flat(picked)
 
     centre = at(1, 1)
@@ -41,9 +43,7 @@ def quadratic_peaks(e: Emit, scores: str, x: str, y: str, size: tuple[str, str])
     mixed = e("Mul", mixed, f64(0.25))
     determinant = e("Sub", e("Mul", *curvatures), e("Mul", mixed, mixed))
     highest = e("Not", e("Greater", e("ReduceMax", around, axes=[1, 2], keepdims=0), centre))
-    topped = e.both(
-        *inside, highest, *(e("Less", c, f64(0)) for c in curvatures), e("Greater", determinant, f64(0))
-    )
+    topped = e.both(*inside, highest, *(e("Less", c, f64(0)) for c in curvatures), e("Greater", determinant, f64(0)))
     moved = []
     for axis, place in ((0, x), (1, y)):
         towards = e("Sub", e("Mul", mixed, slopes[1 - axis]), e("Mul", curvatures[1 - axis], slopes[axis]))

@@ -21,11 +21,14 @@ class Working:
         As the network takes them.
     source, working : (int64 (), int64 ())
         Height and width of the image, and of what the network sees.
+    scale : float64 ()
+        Above the one that is asked for where the image is small.
     """
 
     pixels: str
     source: tuple[str, str]
     working: tuple[str, str]
+    scale: str
 
     def ratio(self, e: Emit, axis: int) -> str:
         """float64 (): working pixels for one of the source along an axis, 0 being y."""
@@ -40,15 +43,14 @@ def working_image(e: Emit, image: str, spec: InputSpec, scale: float) -> Working
     """From (1, H, W, 1 or 3) of any number type to float32 pixels at the working scale, in `spec`'s channels."""
     source = (e.size(image, 1), e.size(image, 2))
     pixels = e.cast(image, FLOAT)
-    working = source
+    working, wanted = source, e.value(f64(scale))
     if scale != 1.0 or spec.multiple > 1:
-        wanted = e.value(f64(scale))
         if scale < 1.0:  # a small image is seen at a larger scale
             smallest = e.cast(e("Min", *source), DOUBLE)
             wanted = e("Max", wanted, e("Div", f64(spec.min_size), smallest))
         working = (_allowed(e, source[0], wanted, spec), _allowed(e, source[1], wanted, spec))
         pixels = _resampled(e, pixels, source, working, linear=scale > 1.0)
-    return Working(_channels(e, pixels, spec), source, working)
+    return Working(_channels(e, pixels, spec), source, working, wanted)
 
 
 def _allowed(e: Emit, size: str, scale: str, spec: InputSpec) -> str:

@@ -2,27 +2,68 @@
 
 from __future__ import annotations
 
-import numpy as np
-from onnx import TensorProto, helper
+from dataclasses import dataclass
+from functools import partial
 
-from .emit import BOOL, FLOAT, INT64, Emit, f32, i64
+from .emit import FLOAT, INT64, Emit, f32, f64, i64
 
 _MOST_ROUNDS = 1_000_000  # of the Loop: it ends when no candidate is left
 
 
-def dilated(e: Emit, x: str, radius: int) -> str:
-    """The largest of the square window of 2 radius + 1 pixels around each; (1, 1, h, w)."""
+@dataclass(frozen=True)
+class Window:
+    """The square window of suppression: `radius` working pixels to each side, up to `most` for small images.
+
+    Attributes
+    ----------
+    wanted : str, optional
+        int64 (), the radius for this image; None where it is `radius` for all.
+    """
+
+    radius: int
+    most: int
+    wanted: str | None = None
+
+    @classmethod
+    def of(cls, e: Emit, nms_radius: int, scale: float, seen: str, one_for_all: bool) -> Window:
+        """Of a radius in source pixels at a working scale; `seen`, float64 (), is that of the image."""
+
+        def at(s: float) -> int:
+            return max(1, round(nms_radius * s)) if nms_radius else 0
+
+        most = at(max(scale, 1.0))
+        if one_for_all or most == at(scale):
+            return cls(at(scale), at(scale))
+        wanted = e.cast(e("Max", e("Round", e("Mul", seen, f64(nms_radius))), f64(1)), INT64)
+        return cls(at(scale), most, wanted)
+
+    def largest(self, e: Emit, x: str) -> str:
+        """The largest value of the window around each pixel; (1, 1, h, w)."""
+        plain = partial(_dilated, e, x, self.radius)
+        if self.wanted is None:
+            return plain()
+
+        def wider() -> str:
+            found = plain()
+            for radius in range(self.radius + 1, self.most + 1):
+                found = e("Where", e("Less", self.wanted, i64(radius)), found, _dilated(e, found, 1))
+            return found
+
+        return e.either(e("Greater", self.wanted, i64(self.radius)), wider, plain)
+
+
+def _dilated(e: Emit, x: str, radius: int) -> str:
     side = 2 * radius + 1
     x = e("MaxPool", x, kernel_shape=[1, side], pads=[0, radius, 0, radius])
     return e("MaxPool", x, kernel_shape=[side, 1], pads=[radius, 0, radius, 0])
 
 
-def window_maxima(e: Emit, scores: str, radius: int) -> str:
+def window_maxima(e: Emit, scores: str, window: Window) -> str:
     """(1, 1, h, w) bool: scores that no other exceeds in their window, whether these passed or not."""
-    return e("Not", e("Less", scores, dilated(e, scores, radius)))
+    return e("Not", e("Less", scores, window.largest(e, scores)))
 
 
-def greedy(e: Emit, scores: str, candidates: str, radius: int, rounds: int) -> str:
+def greedy(e: Emit, scores: str, candidates: str, window: Window, rounds: int) -> str:
     """The candidates that the plain loop takes: (1, 1, h, w) float32, 1 where taken.
 
     The loop takes candidates by descending score, ties in raster order, and each suppresses the rest of its window.
@@ -44,43 +85,27 @@ def greedy(e: Emit, scores: str, candidates: str, radius: int, rounds: int) -> s
     left = e("Reshape", ranks, e("Shape", scores))
     taken = e("Mul", left, f32(0))
     if rounds == 0:
-        return _loop(e, left, taken, radius)
+        return _loop(e, left, taken, window)
     for _ in range(rounds):
-        left, taken = _round(e, left, taken, radius)
+        left, taken = _round(e, left, taken, window)
     return taken
 
 
-def _round(e: Emit, left: str, taken: str, radius: int) -> tuple[str, str]:
-    first = e.cast(e.both(e("Equal", left, dilated(e, left, radius)), e("Greater", left, f32(0))), FLOAT)
-    covered = e("Greater", dilated(e, first, radius), f32(0))
+def _round(e: Emit, left: str, taken: str, window: Window) -> tuple[str, str]:
+    first = e.cast(e.both(e("Equal", left, window.largest(e, left)), e("Greater", left, f32(0))), FLOAT)
+    covered = e("Greater", window.largest(e, first), f32(0))
     return e("Where", covered, f32(0), left), e("Max", taken, first)
 
 
-def _loop(e: Emit, left: str, taken: str, radius: int) -> str:
-    """The rounds as an ONNX Loop, whose body is moved out of the graph's end, where it is written like any other."""
-    graph = e.graph
-    start = len(graph.nodes)
-    inner, before = (graph.unique(f"post/suppress/{name}") for name in ("left", "taken"))
-    rest, after = _round(e, inner, before, radius)
-    more = e("Greater", e("ReduceMax", rest, keepdims=0), f32(0))
-    nodes = list(graph.nodes[start:])
-    copies = [type(node).FromString(node.SerializeToString()) for node in nodes]
-    for node in reversed(nodes):
-        graph.remove(node)
-    shape = [1, 1, "h", "w"]
-    infos = [helper.make_tensor_value_info(name, FLOAT, shape) for name in (inner, before, rest, after)]
-    number, go = (graph.unique(f"post/suppress/{name}") for name in ("round", "go"))
-    body = helper.make_graph(
-        copies, "round",
-        [
-            helper.make_tensor_value_info(number, TensorProto.INT64, []),
-            helper.make_tensor_value_info(go, BOOL, []),
-            *infos[:2],
-        ],
-        [helper.make_tensor_value_info(more, BOOL, []), *infos[2:]],
-    )  # fmt: skip
-    e("Loop", i64(_MOST_ROUNDS), np.array(True), left, taken, outputs=2, body=body)
-    return str(graph.nodes[-1].output[1])
+def _loop(e: Emit, left: str, taken: str, window: Window) -> str:
+    """As many rounds as are needed."""
+    inner, before = e.name("left"), e.name("taken")
+
+    def body() -> list[str]:
+        rest, after = _round(e, inner, before, window)
+        return [e("Greater", e("ReduceMax", rest, keepdims=0), f32(0)), rest, after]
+
+    return e.loop(_MOST_ROUNDS, {inner: left, before: taken}, body)[1]
 
 
 def strongest(e: Emit, scores: str, taken: str, most: str) -> tuple[str, str]:
