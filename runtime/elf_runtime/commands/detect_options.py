@@ -5,6 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from elf_runtime.extraction.ray_engine import SHARD_SIZE
+from elf_runtime.extraction.shards import FORMATS
+from elf_runtime.extraction.store import is_url
+
 from . import options
 from .parser import Parser, add_json, new_parser
 
@@ -37,6 +41,7 @@ examples:
   elf-detect phone/ -r -o out/ --max-side 1600 --workers 2 --jsonl out/log.jsonl
   elf-detect clip.mp4 -o out/ --every 5
   elf-detect --camera 0 -o out/ --limit 100
+  elf-detect s3://bucket/photos -o s3://bucket/features --engine ray --skip-existing
   elf-detect photo.jpg -o out/ --preset paper --mask roi.png --json -
 
 exit status: 0 if every image was done, 1 if some could not be, 2 on a wrong command line"""
@@ -55,12 +60,12 @@ def build_parser() -> Parser:
         "-o",
         "--output",
         required=True,
-        type=Path,
+        type=_place,
         metavar="DIR",
         help="folder of the results, made where it is missing; with pictures, none that images are taken from",
     )
     parser.add_argument(
-        "--base", type=Path, metavar="FOLDER", help="mirror in DIR what is below this folder of the images' paths"
+        "--base", type=_place, metavar="FOLDER", help="mirror in DIR what is below this folder of the images' paths"
     )
     parser.add_argument(
         "--skip-existing", action="store_true",
@@ -85,6 +90,7 @@ def build_parser() -> Parser:
         help="images at once, each with its share of --threads and memory of its own; default: 1 for one image, else "
         "one per core, at most 4",
     )  # fmt: skip
+    _add_machines(parser)
     add_json(parser, "a summary of the run at its end")
     parser.add_argument(
         "--jsonl", metavar="FILE", help="write a line of JSON for each image as it is done; - is standard output"
@@ -94,3 +100,27 @@ def build_parser() -> Parser:
     options.add_detection_options(parser)
     options.add_model_options(parser)
     return parser
+
+
+def _add_machines(parser: Parser) -> None:
+    group = parser.add_argument_group(
+        "many machines",
+        "With --engine ray, IMAGE, DIR and FOLDER may be URLs that fsspec knows, such as s3://bucket/photos/*.jpg. DIR "
+        "gets shards of many images each, which elf_runtime.extraction.shards.read_shards reads. --workers are "
+        "processes of --threads cores (1) each, by default as many as Ray has cores for; --overwrite removes the "
+        "shards that are there first. See docs/cluster.md.",
+    )
+    group.add_argument(
+        "--engine", choices=("local", "ray"), default="local",
+        help="local: threads of this process (default); ray: a cluster of Ray, or this machine where there is none",
+    )  # fmt: skip
+    group.add_argument("--format", choices=FORMATS, help="of the shards: parquet (default), or hloc's h5")
+    group.add_argument(
+        "--shard-size", type=options.positive, metavar="N",
+        help=f"images in a shard; default: {SHARD_SIZE}, or fewer, so that each worker has one",
+    )  # fmt: skip
+
+
+def _place(text: str) -> Path | str:
+    """An argparse type: a path, or a URL as it is."""
+    return text if is_url(text) else Path(text)

@@ -6,6 +6,7 @@ import hashlib
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from io import BytesIO
 from typing import Any, Protocol
 
 import cv2
@@ -99,6 +100,8 @@ class ImageFile:
     path : path
     max_pixels : int, optional
         See `read`.
+    data : bytes, optional
+        What is in the file, where it is not on this machine; `path` is a name for messages then.
 
     Raises
     ------
@@ -106,15 +109,19 @@ class ImageFile:
         As `read`, here and in `decoded`.
     """
 
-    def __init__(self, path: str | os.PathLike[str], max_pixels: int | None = MAX_PIXELS) -> None:
+    def __init__(
+        self, path: str | os.PathLike[str], max_pixels: int | None = MAX_PIXELS, data: bytes | None = None
+    ) -> None:
         self.path = os.fsdecode(path)
-        with image_errors(self.path), open_regular(self.path) as file:
+        with image_errors(self.path), open_regular(self.path) if data is None else BytesIO(data) as file:
             self._header = read_header(file)
             if self._header:
                 check_pixels((self._header.height, self._header.width), max_pixels, f"the {self._header.kind} file")
             file.seek(0)
-            # Of what is no image, its first bytes are enough to say what it is.
-            self._data = np.fromfile(file, np.uint8) if self._header else np.frombuffer(file.read(HEAD), np.uint8)
+            if self._header and data is None:
+                self._data = np.fromfile(file, np.uint8)
+            else:  # of what is no image, its first bytes are enough to say what it is
+                self._data = np.frombuffer(file.read(-1 if self._header else HEAD), np.uint8)
 
     @property
     def sha256(self) -> str:

@@ -1,0 +1,201 @@
+"""What a worker of many does: the features of a shard's images, written as one file; the same file whoever writes it.
+
+A worker may die at any moment, and its shard is then done by another from its beginning.  So that an image which kills
+workers ends no run, a shard that is begun leaves a note beside it.  Who finds the note takes care: it notes each image
+before it touches it, and leaves out those that were the last thing that `MOST_DEATHS` workers noted.
+"""
+
+from __future__ import annotations
+
+import json
+import pickle
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import cv2
+import numpy.typing as npt
+
+import elf_runtime
+from elf_runtime.engine import ElfRuntime
+from elf_runtime.errors import ElfError, printable
+from elf_runtime.params import DetectionParams
+from elf_runtime.results.features import Features
+
+from .frames import Opened, Still
+from .overlap import overlapped
+from .remote import Remote
+from .shards import digest, write_shard
+from .store import Store
+
+MOST_DEATHS = 2
+READERS = 4  # images that are fetched while another one is worked on
+
+
+@dataclass(frozen=True)
+class Job:
+    """What all shards of a run have in common; see `Extractor`."""
+
+    elf: ElfRuntime
+    params: DetectionParams
+    descriptor: str | None
+    mask: npt.NDArray[Any] | None
+    record: Mapping[str, Any]
+    store: Store
+    ignore_exif: bool = False
+    max_pixels: int | None = None
+    threads: int = 1
+
+
+@dataclass(frozen=True)
+class Task:
+    """A shard that is to be made.
+
+    Attributes
+    ----------
+    shard : str
+        Name of its file.
+    known : mapping
+        Name of an image -> the shards that have it already, each with the `digest` of its record there.
+    """
+
+    shard: str
+    frames: Sequence[Still | Remote]
+    known: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+
+
+def work(job: Job, task: Task) -> dict[str, Any]:
+    """Make a shard.
+
+    Returns
+    -------
+    dict
+        ``results``: what became of each image, as of an `Extractor`, with its ``name``; ``deaths``: how many workers
+        had begun this shard and not finished it.
+
+    Raises
+    ------
+    ElfError
+        If the shard can't be written, or the model is another one here.
+    """
+    if job.elf.sha256 != job.record["model_sha256"]:
+        raise ElfError("the model of this worker is not the one of the command: install the same package everywhere")
+    cv2.setNumThreads(job.threads)
+    notes = _Notes(job.store, f".{task.shard}.begun")
+    rows: dict[str, Features] = {}
+    results = [_result(job, task, frame, opened, rows) for frame, opened in _opened(job, task, notes)]
+    notes.add_careful("")  # no image is to blame from here on
+    if rows:
+        write_shard(job.store, task.shard, rows)
+    notes.remove()
+    return {"results": results, "deaths": notes.deaths}
+
+
+def _opened(job: Job, task: Task, notes: _Notes) -> Iterator[tuple[Still | Remote, Opened | ElfError]]:
+    """The images in their order, several of them fetched ahead; with an error those that can't be read or kill."""
+
+    def fetch(frame: Still | Remote) -> Opened | ElfError:
+        name = frame.stem.as_posix()
+        if notes.killed(name) >= MOST_DEATHS:
+            return ElfError(f"{frame.name}: {MOST_DEATHS} workers died of it; out of memory, perhaps")
+        notes.add_careful(name)
+        try:
+            return frame.open(job.max_pixels)
+        except (ElfError, OSError) as error:
+            return ElfError(str(error))
+
+    # With care it is one after the other, so that the last one noted is the one that is worked on.
+    return overlapped(fetch, task.frames, 1 if notes.deaths else READERS)
+
+
+def _result(
+    job: Job, task: Task, frame: Still | Remote, image: Opened | ElfError, rows: dict[str, Features]
+) -> dict[str, Any]:
+    """What became of an image, whose features come into `rows`."""
+    name = frame.stem.as_posix()
+    told = {**frame.told(), "name": name}
+    try:
+        if isinstance(image, ElfError):
+            raise image
+        start = time.perf_counter()
+        record = {**job.record, **frame.identity(), "image_sha256": image.sha256, "elf-onnx": elf_runtime.__version__}
+        for shard, there in task.known.get(name, {}).items():
+            if there == digest(record):
+                return {**told, "files": [job.store.url(shard)], "skipped": True}
+        pixels = image.decoded(job.ignore_exif)
+        read = time.perf_counter() - start
+        trace = job.elf.trace(pixels, mask=job.mask, params=job.params, descriptor=job.descriptor)
+    except (ElfError, OSError) as error:
+        named = str(error).startswith(printable(f"{frame.name}:"))
+        return {**told, "error": str(error) if named else f"{frame.name}: {error}"}
+    rows[name] = replace(trace.features, record=record)
+    return {
+        **told,
+        "files": [job.store.url(task.shard)],
+        "size": list(trace.features.image_size),
+        "keypoints": len(trace.features),
+        "passed": float(trace.mask.mean()),
+        "seconds": time.perf_counter() - start,
+        "stages": trace.seconds | {"read": read},
+        "skipped": False,
+    }
+
+
+class _Notes:
+    """The note of who began a shard, a line of JSON each: null, then the names of what was touched with care."""
+
+    def __init__(self, store: Store, name: str) -> None:
+        self._store, self._name = store, name
+        self._lines = (store.text(name) or "").splitlines()
+        begun = [index for index, line in enumerate(self._lines) if line == "null"]
+        self.deaths = len(begun)
+        ends = [*begun[1:], len(self._lines)]
+        last = [self._lines[end - 1] for end in ends[: len(begun)]]
+        self._killed = Counter(json.loads(line) for line in last if line != "null")
+        self._add(None)
+
+    def killed(self, name: str) -> int:
+        """How many workers noted this image as their last thing."""
+        return self._killed[name]
+
+    def add_careful(self, name: str) -> None:
+        """Note what is touched next, if a worker has died of this shard."""
+        if self.deaths:
+            self._add(name)
+
+    def _add(self, name: str | None) -> None:
+        self._lines.append(json.dumps(name))
+        self._store.put_text("\n".join(self._lines), self._name)
+
+    def remove(self) -> None:
+        self._store.remove(self._name)
+
+
+class ShardWorker:
+    """An actor of Ray Data: opens the model once, and makes a shard for each batch of one row.
+
+    Parameters
+    ----------
+    version : str
+        Of elf_runtime where the command runs.
+    job : bytes
+        A `Job`, pickled.
+    """
+
+    def __init__(self, version: str, job: bytes) -> None:
+        self._version, self._data = version, job
+        self._job: Job | None = None
+
+    def __call__(self, batch: Mapping[str, Any]) -> dict[str, list[str]]:
+        """``task`` (a pickled `Task`) -> ``report``: JSON of what `work` returns, or ``{"failed": why}``."""
+        try:
+            if self._version != elf_runtime.__version__:
+                raise ElfError(f"this worker has elf-onnx {elf_runtime.__version__}, the command {self._version}")
+            if self._job is None:
+                self._job = pickle.loads(self._data)
+            report = work(self._job, pickle.loads(batch["task"][0]))
+        except (ElfError, OSError, ImportError, AttributeError) as error:
+            report = {"failed": str(error)}
+        return {"report": [json.dumps(report)]}
