@@ -13,7 +13,7 @@ from .metadata import read_metadata, write_metadata
 from .specs import CompressionSpec, DescriptorSpec, InputSpec, WeightsSpec
 from .tensors import disagreement
 
-_LATER = ("scales", "suppression", "oriented")  # settings that older files do not state
+_LATER = ("scales", "suppression", "oriented", "max_side")  # settings that older files do not state
 
 
 @dataclass(frozen=True)
