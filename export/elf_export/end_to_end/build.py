@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import onnx
@@ -10,28 +11,15 @@ from onnx import TensorProto, helper
 
 from elf_export.errors import ExportError
 from elf_export.graph.graph import Graph
-from elf_runtime import DescriptorSpec, DetectionParams, ModelContract
+from elf_runtime import DescriptorSpec, ModelContract
 
-from .describe import described
-from .emit import DOUBLE, FLOAT, Emit, f32, f64, i64
-from .levels import scores_and_level
-from .places import (
-    allowed_pixels,
-    contrast_window,
-    enough_contrast,
-    looked_up,
-    mask_border,
-    shrunk,
-    textured,
-    within_border,
-)
-from .refine import quadratic_peaks, split
+from .emit import FLOAT, INT64, Emit, f32, i64
+from .keypoints import MASK, MOST, THRESHOLD, Maps, keypoints_of
 from .resize import Working, working_image
-from .suppress import Window, greedy, strongest, window_maxima
 
 LEAST_OPSET = 14  # CumSum, Pad, Squeeze with axes as an input; Max and Min of all number types
-IMAGE, MASK, MOST, THRESHOLD = "image", "mask", "max_keypoints", "threshold"
-KEYPOINTS, SCORES, DESCRIPTORS = "keypoints", "scores", "descriptors"
+IMAGE = "image"
+PIXELS = ("uint8", "float32")
 
 
 @dataclass(frozen=True)
@@ -42,12 +30,30 @@ class Form:
     ----------
     pixels : "uint8" or "float32"
         Of the image input; floats have the range of the bytes, 0 to 255.
+    batch : bool
+        Several images of one size at once; outputs are padded.
     rounds : int
-        Of the suppression, unrolled; 0 is a Loop of as many as are needed.
+        Of the suppression, unrolled, with the same window for small images too; 0 is a Loop of as many as are needed.
     """
 
     pixels: str = "uint8"
+    batch: bool = False
     rounds: int = 0
+
+    def __post_init__(self) -> None:
+        if self.pixels not in PIXELS:
+            raise ExportError(f"--end-to-end: pixels are {' or '.join(PIXELS)}, not {self.pixels!r}")
+        if self.rounds < 0:
+            raise ExportError(f"--end-to-end: {self.rounds} rounds; it is a number from 0 on")
+
+    @property
+    def outputs(self) -> tuple[tuple[str, int, list[str | int]], ...]:
+        """Name, element type and shape of each output but the descriptors."""
+        if self.batch:
+            return (
+                ("keypoints", FLOAT, ["N", "M", 2]), ("scores", FLOAT, ["N", "M"]), ("counts", INT64, ["N"]),
+            )  # fmt: skip
+        return ("keypoints", FLOAT, ["K", 2]), ("scores", FLOAT, ["K"])
 
 
 def refusals(contract: ModelContract, opset: int) -> list[str]:
@@ -55,19 +61,16 @@ def refusals(contract: ModelContract, opset: int) -> list[str]:
     params = contract.detection
     found = []
     if opset < LEAST_OPSET:
-        found.append(f"opset {opset}; --opset {LEAST_OPSET} or later has the ops")
-    if contract.input.is_fixed:
-        found.append("images of one size only")
-    for unwanted, name in (
-        (bool(params.scales), "scales"),
-        (params.oriented, "oriented"),
-        (params.grid != (1, 1), "grid"),
-    ):
-        if unwanted:
-            found.append(f"the setting {name}")
-    if not isinstance(params.max_side, str):
-        found.append("the setting max_side")
-    return found
+        found.append(f"the ops that it needs at opset {opset} (they come with opset {LEAST_OPSET})")
+    if contract.input.is_fixed or contract.input.batch:
+        found.append("images of any size for a network of one size")
+    settings = {
+        "scales": bool(params.scales),
+        "oriented": params.oriented,
+        "grid": params.grid != (1, 1),
+        "max_side": params.max_side != "none",
+    }
+    return found + [f"the setting {name}" for name, is_set in settings.items() if is_set]
 
 
 def end_to_end(model: onnx.ModelProto, contract: ModelContract, form: Form = Form()) -> onnx.ModelProto:
@@ -83,10 +86,12 @@ def end_to_end(model: onnx.ModelProto, contract: ModelContract, form: Form = For
     Returns
     -------
     onnx.ModelProto
-        Inputs: ``image`` (1, H, W, 1 or 3), and with defaults: ``max_keypoints`` int64 (), ``threshold`` float32 ()
-        (a fraction; below 0 is Kapur's level) and ``mask`` uint8 (H, W), or (1, 1) for none.
+        Inputs: ``image`` (N, H, W, 1 or 3), N = 1 unless `form` has batches, and with defaults: ``max_keypoints`` int64
+        (), ``threshold`` float32 () (a fraction of the range; below 0 is Kapur's level) and ``mask`` uint8 (H, W), or
+        (1, 1) for none.
         Outputs: ``keypoints`` (K, 2) float32, x and y in pixels of the image, ``scores`` (K,) float32, descending, and
-        ``descriptors`` (K, D) float32 of unit length, where the model has a descriptor, its first.
+        ``descriptors`` (K, D) float32 of unit length, where the model has a descriptor, its first.  With batches
+        (N, M, 2), (N, M), (N, M, D), M being ``max_keypoints``, zeros behind the ``counts`` (N,) int64 of each image.
 
     Raises
     ------
@@ -95,98 +100,80 @@ def end_to_end(model: onnx.ModelProto, contract: ModelContract, form: Form = For
     """
     graph = Graph(model)
     if why := refusals(contract, graph.opset):
-        raise ExportError(f"--end-to-end: the graph can't hold {', '.join(why)}")
-    spec, inner = contract.descriptor(), contract.input.name
-    first = graph.nodes[0]
-    renamed = graph.unique("network_input") if inner == IMAGE else inner
-    if inner == IMAGE:
-        graph.rename({IMAGE: renamed})
-        first = graph.nodes[0]
-    with graph.insert_before(first):
+        raise ExportError(f"--end-to-end: a graph can't hold {', nor '.join(why)}")
+    inner = graph.unique("network_input")
+    graph.rename({contract.input.name: inner})
+    with graph.insert_before(graph.nodes[0]):
         working = working_image(Emit(graph, "resize"), IMAGE, contract.input, contract.detection.scale)
-        graph.op("Identity", working.pixels, name="post/resize/network", outputs=[renamed])
-    _post(graph, working, contract, spec, form)
+        graph.op("Identity", working.pixels, name="post/resize/network", outputs=[inner])
+    spec = contract.descriptor()
+    (_of_batch if form.batch else _of_image)(graph, working, contract, spec, form)
     _signature(graph, contract, spec, form)
     graph.prune()
     onnx.checker.check_model(graph.model)
     return graph.model
 
 
-def _post(graph: Graph, working: Working, contract: ModelContract, spec: DescriptorSpec | None, form: Form) -> None:
-    params = contract.detection
-    e = Emit(graph, "places")
-    inside = shrunk(e, MASK, mask_border(e, params, contract.receptive_field, working.scale))
-    allowed = allowed_pixels(e, inside, working)
-    scores, level = scores_and_level(Emit(graph, "levels"), contract.saliency_output, params, allowed, THRESHOLD)
-    passed = _passed(graph, working, contract, scores, level, allowed)
-    e = Emit(graph, "suppress")
-    window = Window.of(e, params.nms_radius, params.scale, working.scale, one_for_all=form.rounds > 0)
-    if params.suppression == "maxima":
-        passed = e("And", passed, window_maxima(e, scores, window))
-    taken = greedy(e, scores, passed, window, form.rounds)
-    values, flat = strongest(e, scores, taken, MOST)
-    x, y = _placed(graph, working, params, scores, flat, inside)
-    e = Emit(graph, "outputs")
-    columns = [e.column(e.cast(working.to_source(e, at, axis), FLOAT)) for at, axis in ((x, 1), (y, 0))]
-    e("Concat", *columns, axis=1, outputs=[KEYPOINTS])
-    e("Identity", values, outputs=[SCORES])
-    if spec is not None:
-        found = described(Emit(graph, "describe"), spec, x, y)
-        e("Identity", found, outputs=[DESCRIPTORS])
+def _names(form: Form, spec: DescriptorSpec | None) -> list[str]:
+    return [name for name, _, _ in form.outputs] + ["descriptors"] * (spec is not None)
 
 
-def _passed(graph: Graph, working: Working, contract: ModelContract, scores: str, level: str, allowed: str) -> str:
-    """(1, 1, h, w) bool: the pixels that may be keypoints, before any suppresses another."""
-    params, e = contract.detection, Emit(graph, "passed")
-    conditions = [allowed, within_border(e, params.border, working), textured(e, working.pixels)]
-    if params.min_contrast > 0:
-        side = contrast_window(contract.receptive_field)
-        least = params.min_contrast * contract.input.value_range / 255
-        conditions.append(enough_contrast(e, working.pixels, contract.input.channels, side, least))
-    places = e("Unsqueeze", e.both(*conditions), np.array([0, 1], i64))
-    reached = e("And", e("Not", e("Less", scores, level)), e("Greater", scores, f32(0)))
-    return e("And", places, reached)
+def _of_image(graph: Graph, working: Working, contract: ModelContract, spec: DescriptorSpec | None, form: Form) -> None:
+    maps = Maps(contract.saliency_output, spec.output if spec else None)
+    found = keypoints_of(graph, working, maps, contract, form.rounds)
+    _outputs(graph, [value for value in found if value is not None], _names(form, spec))
 
 
-def _placed(
-    graph: Graph, working: Working, params: DetectionParams, scores: str, flat: str, inside: str
-) -> tuple[str, str]:
-    """x and y in working pixels, (K,) float64: refined, but where that would leave what border and mask allow."""
-    e = Emit(graph, "refine")
-    x, y = split(e, flat, working.working[1])
-    whole = (e.cast(x, DOUBLE), e.cast(y, DOUBLE))
-    if not params.subpixel:
-        return whole
-    # The runtime's places are float32 in between.
-    refined = tuple(e.cast(e.cast(v, FLOAT), DOUBLE) for v in quadratic_peaks(e, scores, x, y, working.working))
-    stays = [looked_up(e, inside, *refined, working)]
-    if params.border:
-        for at, axis in ((refined[0], 1), (refined[1], 0)):
-            place = working.to_source(e, at, axis)
-            most = e.cast(e("Sub", working.source[axis], i64(1 + params.border)), DOUBLE)
-            stays += [e("Not", e("Less", place, f64(params.border))), e("Not", e("Greater", place, most))]
-    kept = e.both(*stays)
-    return e("Where", kept, refined[0], whole[0]), e("Where", kept, refined[1], whole[1])
+def _of_batch(graph: Graph, working: Working, contract: ModelContract, spec: DescriptorSpec | None, form: Form) -> None:
+    e = Emit(graph, "batch")
+
+    def one(number: str) -> Sequence[str]:
+        def mine(x: str) -> str:
+            return e("Gather", x, e("Reshape", number, np.array([1], i64)), axis=0)
+
+        own = replace(working, pixels=mine(working.pixels))
+        maps = Maps(mine(contract.saliency_output), mine(spec.output) if spec else None)
+        keypoints, scores, descriptors = keypoints_of(graph, own, maps, contract, form.rounds)
+        count = e.size(scores, 0)
+        padded = [_padded(e, keypoints, count, 2), _padded(e, scores, count, 1), count]
+        return padded if descriptors is None else [*padded, _padded(e, descriptors, count, 2)]
+
+    kinds = [(kind, len(shape) - 1) for _, kind, shape in form.outputs] + [(FLOAT, 2)] * (spec is not None)
+    _outputs(graph, e.for_each(e.size(IMAGE, 0), kinds, one), _names(form, spec))
+
+
+def _padded(e: Emit, rows: str, count: str, rank: int) -> str:
+    """Rows, (K, ...), with zeros behind them: as many as `max_keypoints`."""
+    behind = e("Reshape", e("Sub", MOST, count), np.array([1], i64))
+    before, rest = np.zeros(rank, i64), np.zeros(rank - 1, i64)
+    return e(
+        "Pad", rows, e("Concat", before, behind, rest, axis=0) if rank > 1 else e("Concat", before, behind, axis=0)
+    )
+
+
+def _outputs(graph: Graph, values: Sequence[str], names: Sequence[str]) -> None:
+    for value, name in zip(values, names, strict=True):
+        graph.op("Identity", value, name=f"post/outputs/{name}", outputs=[name])
 
 
 def _signature(graph: Graph, contract: ModelContract, spec: DescriptorSpec | None, form: Form) -> None:
     """Inputs and outputs; the optional inputs' defaults are initializers of the same names."""
     params, proto = contract.detection, graph.model.graph
     kind = {"uint8": TensorProto.UINT8, "float32": TensorProto.FLOAT}[form.pixels]
-    fixed = {"kapur": -1.0, "none": 0.0}
-    threshold = fixed[params.threshold] if isinstance(params.threshold, str) else params.threshold
-    defaults = {
-        MOST: np.array(params.max_keypoints, i64),
-        THRESHOLD: np.array(threshold, f32),
-        MASK: np.ones((1, 1), np.uint8),
-    }
-    infos = [helper.make_tensor_value_info(IMAGE, kind, [1, "H", "W", "C"])]
-    for name, value in defaults.items():
+    words = {"kapur": -1.0, "none": 0.0}
+    threshold = words[params.threshold] if isinstance(params.threshold, str) else params.threshold
+    infos = [helper.make_tensor_value_info(IMAGE, kind, ["N" if form.batch else 1, "H", "W", "C"])]
+    for name, value, shape in (
+        (MOST, np.array(params.max_keypoints, i64), []),
+        (THRESHOLD, np.array(threshold, f32), []),
+        (MASK, np.ones((1, 1), np.uint8), ["mask_height", "mask_width"]),
+    ):
         proto.initializer.append(onnx.numpy_helper.from_array(value, name))
-        shape = ["mask_height", "mask_width"] if name == MASK else []
         infos.append(helper.make_tensor_value_info(name, helper.np_dtype_to_tensor_dtype(value.dtype), shape))
     del proto.input[:]
     proto.input.extend(infos)
-    outputs = [(KEYPOINTS, ["K", 2]), (SCORES, ["K"])] + ([(DESCRIPTORS, ["K", spec.dim])] if spec else [])
-    graph.set_outputs([helper.make_tensor_value_info(name, FLOAT, shape) for name, shape in outputs])
+    outputs = list(form.outputs)
+    if spec is not None:
+        outputs.append(("descriptors", FLOAT, [*outputs[0][2][:-1], spec.dim]))
+    graph.set_outputs([helper.make_tensor_value_info(*output) for output in outputs])
     graph.reindex()

@@ -98,6 +98,25 @@ class Emit:
         self("Loop", i64(most), np.bool_(True), *carried.values(), outputs=len(carried), body=inner)
         return list(self.graph.nodes[-1].output)
 
+    def for_each(self, count: str, kinds: Sequence[tuple[int, int]], body: Callable[[str], Sequence[str]]) -> list[str]:
+        """A Loop over 0 ... count - 1, int64 (); what `body` makes of the number, stacked along a new first axis.
+
+        `kinds` are the element types and ranks of what it makes, of the same shape each time.
+        """
+        number, going = self.name("number"), self.name("going")
+
+        def made() -> Sequence[str]:
+            return [self("Identity", going), *body(number)]
+
+        (go_on, *values), nodes = self._apart(made)
+        inputs = [helper.make_tensor_value_info(name, kind, []) for name, kind in ((number, INT64), (going, BOOL))]
+        outputs = [helper.make_tensor_value_info(go_on, BOOL, [])]
+        for name, (kind, rank) in zip(values, kinds, strict=True):
+            outputs.append(helper.make_tensor_value_info(name, kind, [None] * rank))
+        inner = helper.make_graph(nodes, "body", inputs, outputs)
+        self("Loop", count, np.bool_(True), outputs=len(values), body=inner)
+        return list(self.graph.nodes[-1].output)
+
     def _apart(self, make: Callable[[], Made]) -> tuple[Made, list[onnx.NodeProto]]:
         """What a function makes, and the nodes that it adds, which are taken out of the graph again.
 

@@ -103,7 +103,7 @@ def _histogram(e: Emit, smooth: str, allowed: str) -> str:
 
 
 def _kapur(e: Emit, counts: str) -> str:
-    """Kapur's level as `elf_runtime.entropy.kapur` defines it, plus 1: the lowest value above; 0 where there is none."""
+    """Kapur's level as `elf_runtime.entropy` has it, plus 1: the lowest value above it; 0 where there is none."""
     p = e("Div", counts, e("Max", e("ReduceSum", counts, keepdims=0), f64(1)))
     safe = e("Where", e("Greater", p, f64(0)), p, f64(1))
     entropy = e("Neg", e("Mul", p, e("Log", safe)))

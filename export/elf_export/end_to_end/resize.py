@@ -17,7 +17,7 @@ class Working:
 
     Attributes
     ----------
-    pixels : (1, h, w, C) float32
+    pixels : (N, h, w, C) float32
         As the network takes them.
     source, working : (int64 (), int64 ())
         Height and width of the image, and of what the network sees.
@@ -40,7 +40,7 @@ class Working:
 
 
 def working_image(e: Emit, image: str, spec: InputSpec, scale: float) -> Working:
-    """From (1, H, W, 1 or 3) of any number type to float32 pixels at the working scale, in `spec`'s channels."""
+    """From (N, H, W, 1 or 3) of any number type to float32 pixels at the working scale, in `spec`'s channels."""
     source = (e.size(image, 1), e.size(image, 2))
     pixels = e.cast(image, FLOAT)
     working, wanted = source, e.value(f64(scale))
@@ -64,18 +64,17 @@ def _allowed(e: Emit, size: str, scale: str, spec: InputSpec) -> str:
 
 
 def _resampled(e: Emit, pixels: str, source: tuple[str, str], working: tuple[str, str], linear: bool) -> str:
-    """(1, H, W, C) -> (1, h, w, C), columns first as OpenCV: each is a weighted sum of the few that it covers."""
-    channels = e.size(pixels, 3)
-    pixels = e("Squeeze", pixels, np.array([0], i64))
+    """(N, H, W, C) -> (N, h, w, C), columns first as OpenCV: each is a weighted sum of the few that it covers."""
+    batch, channels = e.size(pixels, 0), e.size(pixels, 3)
     for axis, other in ((1, source[0]), (0, working[1])):
-        # (n, other, C) -> (n, other * C) -> (m, K, other * C) -> (m, other, C)
-        lines = pixels if axis == 0 else e("Transpose", pixels, perm=[1, 0, 2])
+        # (n, N, other, C) -> (n, N * other * C) -> (m, K, N * other * C) -> (m, N, other, C)
+        swap = [2, 0, 1, 3] if axis else [1, 0, 2, 3]
+        lines = e("Reshape", e("Transpose", pixels, perm=swap), _shape(e, source[axis], i64(-1)))
         index, weights = (_linear if linear else _area)(e, source[axis], working[axis])
-        lines = e("Gather", e("Reshape", lines, _shape(e, source[axis], i64(-1))), index, axis=0)
-        mixed = e("MatMul", e("Unsqueeze", weights, np.array([1], i64)), lines)
-        pixels = e("Reshape", mixed, _shape(e, working[axis], other, channels))
-        pixels = pixels if axis == 0 else e("Transpose", pixels, perm=[1, 0, 2])
-    return e("Unsqueeze", pixels, np.array([0], i64))
+        mixed = e("MatMul", e("Unsqueeze", weights, np.array([1], i64)), e("Gather", lines, index, axis=0))
+        cube = e("Reshape", mixed, _shape(e, working[axis], batch, other, channels))
+        pixels = e("Transpose", cube, perm=[1, 2, 0, 3] if axis else [1, 0, 2, 3])
+    return pixels
 
 
 def _shape(e: Emit, *sizes: str | np.int64) -> str:
