@@ -1,5 +1,6 @@
 # make demo    keypoints and matches on a photograph, with the bundled model
-# make test    lint, types and all tests
+# make test    lint, types, the documentation and all tests
+# make docs    the documentation as a site, in out/site
 # Both do all the set-up, from nothing but Python and pip.  The runtime's environment has no PyTorch.
 PYTHON ?= python3
 PIP = -m pip install --quiet --disable-pip-version-check
@@ -8,11 +9,12 @@ FULL = .venv/full
 LOWEST = .venv/lowest
 NEWEST = .venv/newest
 RELEASE = .venv/release
+DOCS = .venv/docs
 
 # A worker per core; each is busy by itself, so torch's own threads would only wait for one another.
 PYTEST = -m pytest -q --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test test-runtime test-lowest test-newest test-full lint bench mutants models release-check clean
+.PHONY: demo test test-runtime test-lowest test-newest test-full lint docs bench mutants models release-check clean
 
 demo: $(RUNTIME)/ready
 	$(RUNTIME)/bin/elf-detect demo/palace.jpg -o out
@@ -20,7 +22,7 @@ demo: $(RUNTIME)/ready
 	$(RUNTIME)/bin/elf-match demo/palace.jpg out/demo/view.png --ransac homography -o out/demo/matches.png
 	@echo "Look at out/demo/palace.png and out/demo/matches.png"
 
-test: lint test-runtime test-lowest test-full
+test: lint docs test-runtime test-lowest test-full
 
 # What a robot runs: the three base dependencies, no PyTorch, no onnx.
 test-runtime: $(RUNTIME)/ready
@@ -44,6 +46,11 @@ lint: $(FULL)/ready
 	$(FULL)/bin/ruff format --check .
 	$(FULL)/bin/mypy
 	$(FULL)/bin/lint-imports --no-cache
+
+# A link that leads nowhere ends it; not with --quiet, which hides warnings from --strict.
+docs: $(DOCS)/ready
+	NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs build --strict
+	@echo "Open out/site/index.html"
 
 bench: $(FULL)/ready
 	$(FULL)/bin/python benchmarks/latency.py
@@ -83,6 +90,12 @@ $(FULL)/ready: pyproject.toml constraints.txt
 	@$(PYTHON) -m venv $(FULL)
 	@$(FULL)/bin/python $(PIP) --constraint constraints.txt torch
 	@$(FULL)/bin/python $(PIP) --constraint constraints.txt --editable ".[dev]"
+	@touch $@
+
+$(DOCS)/ready: pyproject.toml constraints.txt
+	@echo "Setting up $(DOCS), once"
+	@$(PYTHON) -m venv $(DOCS)
+	@$(DOCS)/bin/python $(PIP) --constraint constraints.txt --editable ".[docs]"
 	@touch $@
 
 $(RELEASE)/ready: constraints.txt

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from helpers import ROOT
+from project.code_blocks import blocks_of
 
 PAGES = {name: (ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/usage.md", "docs/quality.md")}
 
@@ -20,8 +21,8 @@ def run_the_blocks(page: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> 
     (folder / "demo").symlink_to(ROOT / "demo", target_is_directory=True)
     monkeypatch.chdir(folder)
     names: dict[str, Any] = {}
-    for block in re.findall(r"^```python\n(.*?)^```", PAGES[page], re.MULTILINE | re.DOTALL):
-        exec(block, names)
+    for block in blocks_of(page):
+        exec(block.python, names)
     return names
 
 

@@ -113,6 +113,7 @@ def test_targets_of_make_exist() -> None:
         "test-newest",
         "test-full",
         "lint",
+        "docs",
         "demo",
         "release-check",
     }
