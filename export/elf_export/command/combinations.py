@@ -43,6 +43,8 @@ def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
         if given(name) and args.desc_dim is None:
             fail(f"--{name.replace('_', '-')} goes with --desc-dim only")
     fitted = args.desc_dim is not None or args.compress is not None or args.precision != "fp32"
+    if args.rounds and args.end_to_end is None:
+        fail("--rounds goes with --end-to-end only")
     if args.calibration is not None and not fitted:
         fail("--calibration goes with --compress, --desc-dim or --precision only")
     if args.desc_dim is not None and args.desc == "none":

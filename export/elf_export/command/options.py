@@ -7,12 +7,13 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from elf_export.request import POOLS, PRECISIONS, Request
-from elf_runtime.commands.options import add_quiet, setting
+from elf_runtime.commands.options import add_quiet, from_zero, setting
 from elf_runtime.commands.parser import Parser, new_parser
 
 if TYPE_CHECKING:
     from elf_export.compression.ranks import Compression
     from elf_export.descriptors.projection import Reduction
+    from elf_export.end_to_end.build import Form
     from elf_export.preprocessing import Preprocessing
 
 DESCRIPTION = """\
@@ -106,6 +107,17 @@ def _file(p: argparse.ArgumentParser) -> None:
         "What it changes against fp32 is printed",
     )  # fmt: skip
     p.add_argument(
+        "--end-to-end", nargs="*", choices=("uint8", "float32", "batch"),
+        help="put all that follows the network into the graph too: an image goes in, of bytes (uint8, the default) or "
+        "floats in 0..255, and keypoints, scores and descriptors come out, in any ONNX runtime; batch: several images "
+        "of one size at once",
+    )  # fmt: skip
+    p.add_argument(
+        "--rounds", type=from_zero, default=0, metavar="N",
+        help="with --end-to-end: unroll N rounds of the suppression, for runtimes without Loop and If (default: 0, a "
+        "Loop of as many as it takes)",
+    )  # fmt: skip
+    p.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", type=setting,
         help="a detection setting that the file carries as its default, such as scale=0.5 or denoise=5,1.2; may be "
         "given several times",
@@ -188,6 +200,7 @@ def request_of(args: argparse.Namespace) -> Request:
         compression=compression_of(args),
         calibration=args.calibration,
         precision=args.precision,
+        end_to_end=form_of(args),
     )
 
 
@@ -221,6 +234,16 @@ def compression_of(args: argparse.Namespace) -> Compression | None:
     from elf_export.compression.ranks import Compression
 
     return None if args.compress is None else Compression.parse(args.compress)
+
+
+def form_of(args: argparse.Namespace) -> Form | None:
+    """What --end-to-end and --rounds say; None without the first."""
+    from elf_export.end_to_end.build import Form
+
+    if args.end_to_end is None:
+        return None
+    pixels = "float32" if "float32" in args.end_to_end else "uint8"
+    return Form(pixels, "batch" in args.end_to_end, args.rounds)
 
 
 def layers_of(text: str | None) -> list[str] | None:

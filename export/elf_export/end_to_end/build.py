@@ -13,7 +13,7 @@ from elf_export.errors import ExportError
 from elf_export.graph.graph import Graph
 from elf_runtime import DescriptorSpec, ModelContract
 
-from .emit import FLOAT, INT64, Emit, f32, i64
+from .emit import FLOAT, INT64, Emit, Value, f32, i64
 from .keypoints import MASK, MOST, THRESHOLD, Maps, keypoints_of
 from .resize import Working, working_image
 
@@ -45,6 +45,11 @@ class Form:
             raise ExportError(f"--end-to-end: pixels are {' or '.join(PIXELS)}, not {self.pixels!r}")
         if self.rounds < 0:
             raise ExportError(f"--end-to-end: {self.rounds} rounds; it is a number from 0 on")
+
+    def words(self) -> list[str]:
+        """The options of the command that ask for it."""
+        kinds = (["batch"] if self.batch else []) + ([self.pixels] if self.pixels != PIXELS[0] else [])
+        return ["--end-to-end", *kinds] + (["--rounds", str(self.rounds)] if self.rounds else [])
 
     @property
     def outputs(self) -> tuple[tuple[str, int, list[str | int]], ...]:
@@ -145,10 +150,8 @@ def _of_batch(graph: Graph, working: Working, contract: ModelContract, spec: Des
 def _padded(e: Emit, rows: str, count: str, rank: int) -> str:
     """Rows, (K, ...), with zeros behind them: as many as `max_keypoints`."""
     behind = e("Reshape", e("Sub", MOST, count), np.array([1], i64))
-    before, rest = np.zeros(rank, i64), np.zeros(rank - 1, i64)
-    return e(
-        "Pad", rows, e("Concat", before, behind, rest, axis=0) if rank > 1 else e("Concat", before, behind, axis=0)
-    )
+    pads: list[Value] = [np.zeros(rank, i64), behind, np.zeros(rank - 1, i64)]
+    return e("Pad", rows, e("Concat", *pads[: rank + 1], axis=0))
 
 
 def _outputs(graph: Graph, values: Sequence[str], names: Sequence[str]) -> None:

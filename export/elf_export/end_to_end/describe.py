@@ -10,7 +10,7 @@ from .emit import DOUBLE, FLOAT, INT64, Emit, f32, f64, i64
 
 
 def described(e: Emit, values: str, spec: DescriptorSpec, x: str, y: str) -> str:
-    """(K, D) float32 of unit length: the map `values`, (1, h, w, D), interpolated at working pixels x and y, (K,) float64 each."""
+    """(K, D) float32 of unit length: the map `values`, (1, h, w, D), at working pixels x and y, (K,) float64 each."""
     height, width = e.size(values, 1), e.size(values, 2)
     (x0, x1, fx), (y0, y1, fy) = (_cells(e, at, size, spec) for at, size in ((x, width), (y, height)))
     gx, gy = e("Sub", f32(1), fx), e("Sub", f32(1), fy)

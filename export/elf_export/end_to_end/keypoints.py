@@ -1,4 +1,4 @@
-"""From one image's maps to its keypoints, scores and descriptors: the steps of the runtime's `detection`, in a graph."""
+"""From one image's maps to its keypoints, scores and descriptors: the steps of the runtime's `detection`."""
 
 from __future__ import annotations
 

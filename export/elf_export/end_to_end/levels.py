@@ -75,7 +75,7 @@ def _kernel_of_bytes(mu: int, sigma: float) -> npt.NDArray[np.float64]:
     pixel = np.zeros((1, 2 * mu - 1), np.uint8)
     pixel[0, mu - 1] = 255
     seen = cv2.GaussianBlur(pixel, (mu, 1), sigma)[0, mu // 2 : mu // 2 + mu].astype(np.float64)
-    return np.floor(seen * 256 / 255 + 0.5) / 256
+    return np.asarray(np.floor(seen * 256 / 255 + 0.5) / 256)
 
 
 def separable(e: Emit, x: str, along_x: Value, along_y: Value, channels: int = 1) -> str:

@@ -43,13 +43,15 @@ class Window:
         if self.wanted is None:
             return plain()
 
+        wanted = self.wanted
+
         def wider() -> str:
             found = plain()
             for radius in range(self.radius + 1, self.most + 1):
-                found = e("Where", e("Less", self.wanted, i64(radius)), found, _dilated(e, found, 1))
+                found = e("Where", e("Less", wanted, i64(radius)), found, _dilated(e, found, 1))
             return found
 
-        return e.either(e("Greater", self.wanted, i64(self.radius)), wider, plain)
+        return e.either(e("Greater", wanted, i64(self.radius)), wider, plain)
 
 
 def _dilated(e: Emit, x: str, radius: int) -> str:
