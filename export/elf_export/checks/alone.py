@@ -114,7 +114,8 @@ def _row(
     elf: ElfRuntime, session: ort.InferenceSession, form: Form, image: Image, mask: Image | None
 ) -> tuple[int, int, bool, float, float]:
     """Keypoints, how many are near, whether there are as many, the least cosine, and the ratio of the times."""
-    feed = {"image": image[None].astype(form.pixels)} | ({} if mask is None else {"mask": mask})
+    given = image if form.color == "bgr" else image[:, :, ::-1]
+    feed = {"image": given[None].astype(form.pixels)} | ({} if mask is None else {"mask": mask})
     names = [output.name for output in session.get_outputs()]
     seconds = []
     for _ in range(2):  # the first is for what is opened then

@@ -19,7 +19,7 @@ from .resize import Working, working_image
 
 LEAST_OPSET = 14  # CumSum, Pad, Squeeze with axes as an input; Max and Min of all number types
 IMAGE = "image"
-PIXELS = ("uint8", "float32")
+PIXELS, COLORS = ("uint8", "float32"), ("bgr", "rgb")
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,8 @@ class Form:
     ----------
     pixels : "uint8" or "float32"
         Of the image input; floats have the range of the bytes, 0 to 255.
+    color : "bgr" or "rgb"
+        Order of the image's channels: OpenCV's, or that of most other libraries.
     batch : bool
         Several images of one size at once; outputs are padded.
     rounds : int
@@ -37,18 +39,22 @@ class Form:
     """
 
     pixels: str = "uint8"
+    color: str = "bgr"
     batch: bool = False
     rounds: int = 0
 
     def __post_init__(self) -> None:
         if self.pixels not in PIXELS:
             raise ExportError(f"--end-to-end: pixels are {' or '.join(PIXELS)}, not {self.pixels!r}")
+        if self.color not in COLORS:
+            raise ExportError(f"--end-to-end: channels are in the order {' or '.join(COLORS)}, not {self.color!r}")
         if self.rounds < 0:
             raise ExportError(f"--end-to-end: {self.rounds} rounds; it is a number from 0 on")
 
     def words(self) -> list[str]:
         """The options of the command that ask for it."""
-        kinds = (["batch"] if self.batch else []) + ([self.pixels] if self.pixels != PIXELS[0] else [])
+        kinds = [self.pixels] * (self.pixels != PIXELS[0]) + [self.color] * (self.color != COLORS[0])
+        kinds += ["batch"] * self.batch
         return ["--end-to-end", *kinds] + (["--rounds", str(self.rounds)] if self.rounds else [])
 
     @property
@@ -91,9 +97,9 @@ def end_to_end(model: onnx.ModelProto, contract: ModelContract, form: Form = For
     Returns
     -------
     onnx.ModelProto
-        Inputs: ``image`` (N, H, W, 1 or 3), N = 1 unless `form` has batches, and with defaults: ``max_keypoints`` int64
-        (), ``threshold`` float32 () (a fraction of the range; below 0 is Kapur's level) and ``mask`` uint8 (H, W), or
-        (1, 1) for none.
+        Inputs: ``image`` (N, H, W, 1 or 3), grey or in `form`'s order, N = 1 unless `form` has batches, and with
+        defaults: ``max_keypoints`` int64 (), ``threshold`` float32 () (a fraction of the range; below 0 is Kapur's
+        level) and ``mask`` uint8 (H, W), or (1, 1) for none.
         Outputs: ``keypoints`` (K, 2) float32, x and y in pixels of the image, ``scores`` (K,) float32, descending, and
         ``descriptors`` (K, D) float32 of unit length, where the model has a descriptor, its first.  With batches
         (N, M, 2), (N, M), (N, M, D), M being ``max_keypoints``, zeros behind the ``counts`` (N,) int64 of each image.
@@ -109,7 +115,7 @@ def end_to_end(model: onnx.ModelProto, contract: ModelContract, form: Form = For
     inner = graph.unique("network_input")
     graph.rename({contract.input.name: inner})
     with graph.insert_before(graph.nodes[0]):
-        working = working_image(Emit(graph, "resize"), IMAGE, contract.input, contract.detection.scale)
+        working = working_image(Emit(graph, "resize"), IMAGE, contract.input, contract.detection.scale, form.color)
         graph.op("Identity", working.pixels, name="post/resize/network", outputs=[inner])
     spec = contract.descriptor()
     (_of_batch if form.batch else _of_image)(graph, working, contract, spec, form)

@@ -39,8 +39,11 @@ class Working:
         return e("Sub", e("Div", e("Add", places, f64(0.5)), self.ratio(e, axis)), f64(0.5))
 
 
-def working_image(e: Emit, image: str, spec: InputSpec, scale: float) -> Working:
-    """From (N, H, W, 1 or 3) of any number type to float32 pixels at the working scale, in `spec`'s channels."""
+def working_image(e: Emit, image: str, spec: InputSpec, scale: float, color: str = "bgr") -> Working:
+    """From (N, H, W, 1 or 3) of any number type to float32 pixels at the working scale, in `spec`'s channels.
+
+    `color` is the order of the image's, "bgr" or "rgb".
+    """
     source = (e.size(image, 1), e.size(image, 2))
     pixels = e.cast(image, FLOAT)
     working, wanted = source, e.value(f64(scale))
@@ -50,7 +53,7 @@ def working_image(e: Emit, image: str, spec: InputSpec, scale: float) -> Working
             wanted = e("Max", wanted, e("Div", f64(spec.min_size), smallest))
         working = (_allowed(e, source[0], wanted, spec), _allowed(e, source[1], wanted, spec))
         pixels = _resampled(e, pixels, source, working, linear=scale > 1.0)
-    return Working(_channels(e, pixels, spec), source, working, wanted)
+    return Working(_channels(e, pixels, spec, color), source, working, wanted)
 
 
 def _allowed(e: Emit, size: str, scale: str, spec: InputSpec) -> str:
@@ -112,15 +115,17 @@ def _clipped(e: Emit, place: str, n: str) -> str:
     return e("Min", place, e("Sub", n, i64(1)))
 
 
-_GRAY = (0.114, 0.587, 0.299)
+_GRAY = (0.114, 0.587, 0.299)  # of blue, green and red
 
 
-def _channels(e: Emit, pixels: str, spec: InputSpec) -> str:
-    """1 or 3 channels to those of the network: grey repeated, or colours (BGR) mixed to grey, as OpenCV does."""
-    if spec.channels == 3:
-        return e("Mul", pixels, np.ones((1, 1, 1, 3), f32))
+def _channels(e: Emit, pixels: str, spec: InputSpec, color: str) -> str:
+    """1 or 3 channels, of the order `color`, to the network's: grey repeated, or colours mixed, as OpenCV does."""
     given = e("Reshape", e.size(pixels, 3), np.array([1], i64))
+    if spec.channels == 3:
+        order = [0, 1, 2] if spec.color == color else [2, 1, 0]
+        return e("Gather", pixels, e("Min", np.array(order, i64), e("Sub", given, i64(1))), axis=3)
     # Rows 0 to 2 of the table are for three channels, row 3 for one.
-    table = np.array([[w] for w in (*_GRAY, 1.0)], f32)
+    weights = _GRAY if color == "bgr" else _GRAY[::-1]
+    table = np.array([[w] for w in (*weights, 1.0)], f32)
     start = e("Where", e("Equal", given, np.array([1], i64)), np.array([3], i64), np.array([0], i64))
     return e("MatMul", pixels, e("Slice", table, start, e("Add", start, given), np.array([0], i64)))
