@@ -27,8 +27,7 @@
 
 namespace elf {
 
-class Error : public std::runtime_error {
-public:
+struct Error : std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
@@ -70,10 +69,7 @@ struct Options {
 class Detector {
 public:
     // threads: of ONNX Runtime; 0 is one for each core.
-    explicit Detector(const std::string &model, int threads = 0) : name_(model) {
-        if (OrtGetApiBase()->GetApi(ORT_API_VERSION) == nullptr)
-            throw Error(std::string("the library ONNX Runtime ") + OrtGetApiBase()->GetVersionString() +
-                        " is older than the headers that this program was compiled with");
+    explicit Detector(const std::string &model, int threads = 0) : name_(once_usable(model)) {
         // ONNX Runtime 1.29 and later would send what is run, unless the environment has a word on it.
 #ifdef _WIN32
         if (std::getenv("ORT_DISABLE_TELEMETRY") == nullptr) _putenv_s("ORT_DISABLE_TELEMETRY", "1");
@@ -105,7 +101,6 @@ public:
         image.convertTo(pixels, takes_floats_ ? CV_32F : CV_8U);
         std::int64_t most = options.max_keypoints.value_or(0);
         float threshold = options.threshold.value_or(0);
-
         std::vector<const char *> names{"image"};
         std::vector<Ort::Value> inputs;
         const std::vector<std::int64_t> shape{1, pixels.rows, pixels.cols, pixels.channels()};
@@ -122,6 +117,13 @@ public:
     }
 
 private:
+    // The name, where the library can be used at all: Ort's objects can't even be destroyed where it can't.
+    static const std::string &once_usable(const std::string &model) {
+        if (OrtGetApiBase()->GetApi(ORT_API_VERSION) != nullptr) return model;
+        throw Error(std::string("the library ONNX Runtime ") + OrtGetApiBase()->GetVersionString() +
+                    " is older than the headers that this program was compiled with");
+    }
+
     void look_at_signature() {
         Ort::AllocatorWithDefaultOptions allocator;
         bool detects = false, describes = false, batch = false;
@@ -158,7 +160,7 @@ private:
         return features;
     }
 
-    std::string name_;
+    std::string name_;  // the first: see once_usable
     Ort::Env env_{nullptr};
     Ort::Session session_{nullptr};
     Ort::MemoryInfo memory_ = Ort::MemoryInfo::CreateCpu(OrtArenaAllocator, OrtMemTypeDefault);
