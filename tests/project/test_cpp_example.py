@@ -72,7 +72,7 @@ def end_to_end_model(path: Path, pixels: str = "uint8", batch: bool = False) -> 
 
     model = onnx.load(bundled_model())
     contract = ModelContract.from_metadata({entry.key: entry.value for entry in model.metadata_props}, "it")
-    onnx.save(end_to_end(model, contract, Form(pixels, batch)), path)
+    onnx.save(end_to_end(model, contract, Form(pixels=pixels, batch=batch)), path)
     return path
 
 
