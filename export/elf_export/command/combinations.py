@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-from .options import layers_of
+from .options import layers_of, parser
 
 ONLY_WITH_NET = ("weights", "preprocess")
+OF_THE_MATCHING = ("match", "output", "force", "quiet")
 OF_NAMED_NETWORKS = ("offline", "desc_weights")  # with --net, or --desc NET:LAYER
 ONLY_WITH_ONNX = ("input", "color", "mean", "std", "scale", "standardize")
 
@@ -18,6 +19,12 @@ def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
     def given(name: str) -> bool:
         return getattr(args, name) not in (None, False)
 
+    if args.match:
+        plain = vars(parser().parse_args(["--match"]))
+        for name in (name for name, value in vars(args).items() if value != plain[name]):
+            if name not in OF_THE_MATCHING:
+                fail(f"--match makes a file that no network is in; --{name.replace('_', '-')} does not go with it")
+        return
     if args.net is not None and args.onnx is not None:
         fail("--net and --onnx exclude each other: a network of ours, or a model of yours")
     for name in ONLY_WITH_NET if ":" in (args.desc or "") else (*ONLY_WITH_NET, *OF_NAMED_NETWORKS):

@@ -127,7 +127,12 @@ def _file(p: argparse.ArgumentParser) -> None:
         help="average: the detector averages where the network takes maxima; keypoints then stay where they are when "
         "the image moves by a pixel.  Layers that describe keep their pooling",
     )  # fmt: skip
-    p.add_argument("--output", "-o", metavar="FILE", help="default: elf-NET-LAYER.onnx")
+    p.add_argument(
+        "--match", action="store_true",
+        help="make the matching instead, for the descriptors of --end-to-end: mutual nearest neighbours with a ratio "
+        "test, in a small file of its own",
+    )  # fmt: skip
+    p.add_argument("--output", "-o", metavar="FILE", help="default: elf-NET-LAYER.onnx, or elf-match.onnx")
     p.add_argument("--opset", type=int, metavar="N", help="ONNX opset of the file, 11 to 20 (default: 17; with "
                    "--onnx the model's own, if it is one of these)")  # fmt: skip
     p.add_argument("--force", action="store_true", help="overwrite an existing file")
