@@ -11,8 +11,9 @@ from elf_export.request import Log
 from elf_runtime.commands.command import run
 from elf_runtime.errors import printable
 
+from .command.asked import request_of
 from .command.combinations import check
-from .command.options import parser, request_of
+from .command.options import parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:

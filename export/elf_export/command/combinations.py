@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-from .options import layers_of, parser
+from .asked import layers_of
+from .options import parser
 
 ONLY_WITH_NET = ("weights", "preprocess")
 OF_THE_MATCHING = ("match", "output", "force", "quiet")
