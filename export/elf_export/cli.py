@@ -11,8 +11,9 @@ from elf_export.request import Log
 from elf_runtime.commands.command import run
 from elf_runtime.errors import printable
 
+from .command.asked import request_of
 from .command.combinations import check
-from .command.options import parser, request_of
+from .command.options import parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -21,26 +22,26 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work(args: argparse.Namespace) -> int:
         check(args, p.error)
-        _need_onnx(named=args.onnx is None)
-        (_list if args.list else _export)(args)
+        _need_onnx("--match" if args.match else "--net" if args.onnx is None else "--onnx")
+        (_match if args.match else _list if args.list else _export)(args)
         return 0
 
     return run(p, work, argv)
 
 
-def _need_onnx(named: bool) -> None:
-    """Refuse to go on without the onnx package; `named`: a named network is wanted, which needs PyTorch too."""
+def _need_onnx(option: str) -> None:
+    """Refuse to go on without the onnx package; --net needs PyTorch too."""
     try:
         import onnx  # noqa: F401
     except ImportError as error:
         if error.name != "onnx":
             raise ExportError(f"the package onnx is installed but can't be loaded: {error}") from error
-        if named:
+        if option == "--net":
             raise ExportError(
                 "named networks need PyTorch and onnx: pip install torch (the CPU build is enough), then pip install "
                 '".[export]"'
             ) from error
-        raise ExportError("elf-export --onnx needs the package onnx, and no PyTorch: pip install onnx") from error
+        raise ExportError(f"elf-export {option} needs the package onnx, and no PyTorch: pip install onnx") from error
 
 
 def _export(args: argparse.Namespace) -> None:
@@ -52,6 +53,17 @@ def _export(args: argparse.Namespace) -> None:
     described = ", ".join(d.layer for d in contract.descriptors) or "none"
     made = f"{contract.network} {contract.layer}, descriptors {described}"
     log(printable(f"wrote {result.path} ({size:.1f} MB): {made}"))
+
+
+def _match(args: argparse.Namespace) -> None:
+    from elf_export.end_to_end.match import match_graph
+    from elf_export.file import check_output, write
+
+    path = check_output(args.output or "elf-match.onnx", args.force)
+    write(match_graph(), None, path)
+    if not args.quiet:
+        size = path.stat().st_size / 1e3
+        print(printable(f"wrote {path} ({size:.1f} kB): the descriptors of two images in, matches out"))
 
 
 def _silent(_: str) -> None:

@@ -47,17 +47,17 @@ def _check_place(path: Path, force: bool) -> None:
         raise ExportError(reason)
 
 
-def stamped(model: onnx.ModelProto, contract: ModelContract) -> bytes:
-    """The file's bytes: the model with the contract as its metadata."""
+def stamped(model: onnx.ModelProto, contract: ModelContract | None) -> bytes:
+    """The file's bytes: the model with the contract, if it has one, as its metadata."""
     model.producer_name = "elf-onnx"
     model.producer_version = elf_runtime.__version__
-    onnx.helper.set_model_props(model, contract.to_metadata())
+    onnx.helper.set_model_props(model, contract.to_metadata() if contract is not None else {})
     data: bytes = model.SerializeToString(deterministic=True)
     return data
 
 
-def write(model: onnx.ModelProto, contract: ModelContract, path: Path) -> None:
-    """Put the model with its contract in place in one step."""
+def write(model: onnx.ModelProto, contract: ModelContract | None, path: Path) -> None:
+    """Put the model with its contract, if it has one, in place in one step."""
     data = stamped(model, contract)
     try:
         write_atomically(path, lambda part: part.write_bytes(data))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import onnx
@@ -15,6 +15,7 @@ from elf_runtime.contract import CompressionSpec, ReductionSpec
 
 from .calibration import CalibrationSet, calibration_set
 from .checks import Check, require
+from .checks.alone import compare_alone
 from .checks.compressed import compare_compressed
 from .checks.trial import require_usable
 from .compression.compress import compress
@@ -22,6 +23,7 @@ from .contract import cost_of, descriptor_specs, input_spec, versions
 from .descriptors.other_network import attach
 from .descriptors.projection import Projection
 from .descriptors.reduce import reduce_descriptors
+from .end_to_end.build import Form, end_to_end
 from .file import stamped, write
 from .graph.passes import opset_of, require_opset
 from .graph.receptive_field import stated
@@ -78,9 +80,10 @@ def export(request: Request, log: Log = lambda _: None) -> ExportResult:
             log(f"making {request.precision} of it ...")
         model, contract, lowered = lower(graph.model, contract, request.precision, images, log)
         require_usable(model, contract, graph.sizes)
+        model, contract, alone = with_post_processing(model, contract, request.end_to_end, images, log)
         path = Path(sources.request.output or "")
         write(model, contract, path)
-        return ExportResult(path, contract, (saliency, *graph.checks, *compared, *lowered))
+        return ExportResult(path, contract, (saliency, *graph.checks, *compared, *lowered, *alone))
 
 
 @dataclass(frozen=True)
@@ -166,6 +169,20 @@ def compare(
     check = compare_compressed(stamped(graph.model, contract), stamped(other.model, contract_of(other, whole)), images)
     require(check, log)
     return replace(contract, parity={**contract.parity, **check.figures()}), (check,)
+
+
+def with_post_processing(
+    model: onnx.ModelProto, contract: ModelContract, form: Form | None, images: CalibrationSet, log: Log
+) -> tuple[onnx.ModelProto, ModelContract, tuple[Check, ...]]:
+    """The finished model as `end_to_end` makes it, and the check that held it against the runtime; as it is without a
+    form."""
+    if form is None:
+        return model, contract, ()
+    log("holding the keypoints of the file alone against the runtime's ...")
+    whole = end_to_end(model, contract, form)
+    check = compare_alone(whole, stamped(model, contract), form, images)
+    require(check, log)
+    return whole, replace(contract, end_to_end=asdict(form), parity={**contract.parity, **check.figures()}), (check,)
 
 
 def contract_of(

@@ -16,6 +16,7 @@ from .errors import ExportError
 if TYPE_CHECKING:
     from .compression.ranks import Compression
     from .descriptors.projection import Reduction
+    from .end_to_end.build import Form
     from .preprocessing import Preprocessing
 
 POOLS = ("max", "average")
@@ -67,6 +68,8 @@ class Request:
         Convolutions in low rank.
     calibration : path, optional
         Folder of images that compression, reduction and precision are fitted to.
+    end_to_end : Form, optional
+        Keypoints in place of maps: the post-processing in the graph, in this form.
     """
 
     net: str | None = None
@@ -88,6 +91,7 @@ class Request:
     compression: Compression | None = None
     calibration: File | None = None
     precision: str = "fp32"
+    end_to_end: Form | None = None
 
     def __post_init__(self) -> None:
         if (self.net is None) == (self.onnx is None):
@@ -134,6 +138,7 @@ class Request:
         for name, value in self.detection.items():
             words += ["--set", f"{name}={setting_text(value)}"]
         option("precision", self.precision if self.precision != "fp32" else "")
+        words += self.end_to_end.words() if self.end_to_end is not None else []
         if self.reduction is not None or self.compression is not None or self.precision != "fp32":
             option("calibration", self.calibration)
         if self.onnx is not None and self.preprocess not in (None, "paper", "own"):

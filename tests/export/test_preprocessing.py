@@ -12,7 +12,8 @@ import pytest
 from onnx import TensorProto, helper
 
 from elf_export import Preprocessing
-from elf_export.command.options import parser, preprocessing_of
+from elf_export.command.asked import preprocessing_of
+from elf_export.command.options import parser
 from elf_export.graph.graph import Graph
 from elf_export.preprocessing import conversion, prepend
 from helpers import textured

@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-from .options import layers_of
+from .asked import layers_of
+from .options import parser
 
 ONLY_WITH_NET = ("weights", "preprocess")
+OF_THE_MATCHING = ("match", "output", "force", "quiet")
 OF_NAMED_NETWORKS = ("offline", "desc_weights")  # with --net, or --desc NET:LAYER
 ONLY_WITH_ONNX = ("input", "color", "mean", "std", "scale", "standardize")
 
@@ -18,6 +20,12 @@ def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
     def given(name: str) -> bool:
         return getattr(args, name) not in (None, False)
 
+    if args.match:
+        plain = vars(parser().parse_args(["--match"]))
+        for name in (name for name, value in vars(args).items() if value != plain[name]):
+            if name not in OF_THE_MATCHING:
+                fail(f"--match makes a file that no network is in; --{name.replace('_', '-')} does not go with it")
+        return
     if args.net is not None and args.onnx is not None:
         fail("--net and --onnx exclude each other: a network of ours, or a model of yours")
     for name in ONLY_WITH_NET if ":" in (args.desc or "") else (*ONLY_WITH_NET, *OF_NAMED_NETWORKS):
@@ -43,6 +51,8 @@ def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
         if given(name) and args.desc_dim is None:
             fail(f"--{name.replace('_', '-')} goes with --desc-dim only")
     fitted = args.desc_dim is not None or args.compress is not None or args.precision != "fp32"
+    if args.rounds and args.end_to_end is None:
+        fail("--rounds goes with --end-to-end only")
     if args.calibration is not None and not fitted:
         fail("--calibration goes with --compress, --desc-dim or --precision only")
     if args.desc_dim is not None and args.desc == "none":

@@ -1,19 +1,13 @@
-"""elf-export's options, and the request that they make."""
+"""elf-export's options."""
 
 from __future__ import annotations
 
 import argparse
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
-from elf_export.request import POOLS, PRECISIONS, Request
-from elf_runtime.commands.options import add_quiet, setting
+from elf_export.request import POOLS, PRECISIONS
+from elf_runtime.commands.options import add_quiet, from_zero, setting
 from elf_runtime.commands.parser import Parser, new_parser
-
-if TYPE_CHECKING:
-    from elf_export.compression.ranks import Compression
-    from elf_export.descriptors.projection import Reduction
-    from elf_export.preprocessing import Preprocessing
 
 DESCRIPTION = """\
 Write one .onnx file that computes a CNN's saliency |F^T dF/dI| (the backward pass is in the graph) and its descriptor
@@ -106,6 +100,17 @@ def _file(p: argparse.ArgumentParser) -> None:
         "What it changes against fp32 is printed",
     )  # fmt: skip
     p.add_argument(
+        "--end-to-end", nargs="*", choices=("uint8", "float32", "bgr", "rgb", "batch"),
+        help="put all that follows the network into the graph too: an image goes in, of bytes (uint8, the default) or "
+        "floats in 0..255, BGR as OpenCV's (the default) or rgb, and keypoints, scores and descriptors come out, in "
+        "any ONNX runtime; batch: several images of one size at once",
+    )  # fmt: skip
+    p.add_argument(
+        "--rounds", type=from_zero, default=0, metavar="N",
+        help="with --end-to-end: unroll N rounds of the suppression, for runtimes without Loop and If (default: 0, a "
+        "Loop of as many as it takes)",
+    )  # fmt: skip
+    p.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", type=setting,
         help="a detection setting that the file carries as its default, such as scale=0.5 or denoise=5,1.2; may be "
         "given several times",
@@ -115,7 +120,12 @@ def _file(p: argparse.ArgumentParser) -> None:
         help="average: the detector averages where the network takes maxima; keypoints then stay where they are when "
         "the image moves by a pixel.  Layers that describe keep their pooling",
     )  # fmt: skip
-    p.add_argument("--output", "-o", metavar="FILE", help="default: elf-NET-LAYER.onnx")
+    p.add_argument(
+        "--match", action="store_true",
+        help="make the matching instead, for the descriptors of --end-to-end: mutual nearest neighbours with a ratio "
+        "test, in a small file of its own",
+    )  # fmt: skip
+    p.add_argument("--output", "-o", metavar="FILE", help="default: elf-NET-LAYER.onnx, or elf-match.onnx")
     p.add_argument("--opset", type=int, metavar="N", help="ONNX opset of the file, 11 to 20 (default: 17; with "
                    "--onnx the model's own, if it is one of these)")  # fmt: skip
     p.add_argument("--force", action="store_true", help="overwrite an existing file")
@@ -163,68 +173,3 @@ def numbers(text: str) -> tuple[float, ...]:
     if len(values) not in (1, 3):
         raise argparse.ArgumentTypeError(f"{text!r} has {len(values)} numbers; give one, or one a channel")
     return values
-
-
-def request_of(args: argparse.Namespace) -> Request:
-    """What the options ask for."""
-    desc = layers_of(args.desc)
-    return Request(
-        net=args.net,
-        onnx=args.onnx,
-        layer=args.layer,
-        desc=None if desc is None else tuple(desc),
-        output=args.output,
-        weights=args.weights,
-        desc_weights=args.desc_weights,
-        offline=args.offline,
-        preprocess=preprocessing_of(args) if args.net is None else args.preprocess or "paper",
-        pool=args.pool,
-        desc_scale=1.0 if args.desc_scale is None else args.desc_scale,
-        input=args.input,
-        opset=args.opset,
-        force=args.force,
-        detection=dict(args.set),
-        reduction=reduction_of(args),
-        compression=compression_of(args),
-        calibration=args.calibration,
-        precision=args.precision,
-    )
-
-
-def preprocessing_of(args: argparse.Namespace) -> Preprocessing | None:
-    """What --color, --mean, --std, --scale and --standardize say; None where they say nothing."""
-    from elf_export.preprocessing import Preprocessing
-
-    stated = [value is not None for value in (args.mean, args.std, args.scale)]
-    if not any(stated) and args.color is None and not args.standardize:
-        return None
-    return Preprocessing(
-        color=args.color or "rgb",
-        standardize=not any(stated),
-        scale=1.0 if args.scale is None else args.scale,
-        mean=args.mean or (0.0,),
-        std=args.std or (1.0,),
-    )
-
-
-def reduction_of(args: argparse.Namespace) -> Reduction | None:
-    """What --desc-dim, --desc-reduce and --whiten say; None without --desc-dim."""
-    from elf_export.descriptors.projection import Reduction
-
-    if args.desc_dim is None:
-        return None
-    return Reduction(args.desc_dim, args.desc_reduce or "pca", args.whiten, args.keep_weights)
-
-
-def compression_of(args: argparse.Namespace) -> Compression | None:
-    """What --compress says; None without it."""
-    from elf_export.compression.ranks import Compression
-
-    return None if args.compress is None else Compression.parse(args.compress)
-
-
-def layers_of(text: str | None) -> list[str] | None:
-    """--desc as a list: None where it is not given, empty for "none"."""
-    if text is None:
-        return None
-    return [] if text == "none" else [name.strip() for name in text.split(",") if name.strip()]

@@ -22,8 +22,9 @@ from .command import UsageError
 from .cores import opencv_threads, shared_cores
 from .detect_options import build_parser
 from .detect_report import Run, lines_of, record_of
-from .inputs import check_pictures, image_files, video_files
+from .inputs import check_pictures, image_files, settled, video_files
 from .outputs import check_outputs
+from .patience import Patience
 from .progress import Progress
 
 GOES_ON = "what is done stays, and --skip-existing goes on from there"
@@ -57,7 +58,10 @@ def _work(args: argparse.Namespace) -> int:
         stack.callback(progress.close)
         stack.enter_context(opencv_threads(1 if workers > 1 else None))
         lines = stack.enter_context(lines_of(args.jsonl)) if args.jsonl else None
+        first = str(stills[0].path) if stills else "the first frame"
+        patience = stack.enter_context(Patience(f"elf-detect: {first} takes a while ...", args.quiet))
         for _, result in overlapped(extract, frames, workers, alone=lambda frame: frame.stem):
+            patience.over()
             run.take(result, lines)
     run.finish(elf)
     return command.FAILED if run.failed else 0
@@ -72,7 +76,7 @@ def _inputs(args: argparse.Namespace) -> tuple[list[Still], list[Clip]]:
     if not videos and args.camera is None and (args.every != 1 or args.limit is not None):
         raise UsageError("--every and --limit are for videos and --camera")
     found = image_files(words, args.recursive, args.base) if words else {}
-    stills = [Still(path, args.output / name) for path, name in found.items()]
+    stills = [Still(path, args.output / settled(path, name, args.output)) for path, name in found.items()]
     wanted = {"every": args.every, "limit": args.limit, "ignore_exif": args.ignore_exif, "max_pixels": args.max_pixels}
     clips = [Clip(path, args.output / name, **wanted) for path, name in video_files(videos, args.base).items()]
     if args.camera is not None:

@@ -10,6 +10,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from elf_runtime.files.write import real
+from elf_runtime.image.video import VIDEO_SUFFIXES
 from elf_runtime.results.features import load_record
 
 from .command import UsageError
@@ -109,16 +110,37 @@ def _name(path: Path, folder: Path, base: Path | None) -> Path:
 def _without_ending(name: Path, path: Path) -> Path:
     """`name` without its ending, unless another image of its folder differs in the ending only."""
     try:
-        stems = _stems(path.parent, os.stat(path.parent).st_mtime_ns)
+        kind = VIDEO_SUFFIXES if path.suffix.lower() in VIDEO_SUFFIXES else IMAGE_SUFFIXES | _OTHER_SUFFIXES
+        stems = _stems(path.parent, os.stat(path.parent).st_mtime_ns, kind)
     except OSError:  # the image has an error of its own
         return name.with_suffix("")
     return name if stems[path.stem] > 1 else name.with_suffix("")
 
 
+def settled(path: Path, name: Path, output: Path) -> Path:
+    """The name of an image's results in a folder where it may have some already: these keep theirs.
+
+    Whether `name`, of `image_files`, has an ending depends on the images beside it, and these may come and go.
+    """
+    short, long = name.with_name(name.name.removesuffix(path.suffix)), _with_ending(name, path)
+    real_path = os.path.realpath(path)
+    owners = {stem: (load_record(Path(f"{output / stem}.npz")) or {}).get("image") for stem in (short, long)}
+    for stem, owner in owners.items():
+        if owner == real_path:
+            return stem
+    owner = owners[short]
+    beside = isinstance(owner, str) and os.path.dirname(owner) == os.path.dirname(real_path)
+    return long if beside else name
+
+
+def _with_ending(name: Path, path: Path) -> Path:
+    return name if name.name == path.name else name.with_name(name.name + path.suffix)
+
+
 @lru_cache(maxsize=1024)
-def _stems(folder: Path, _: int) -> Counter[str]:
-    """How many images of a folder have a name; a picture that elf-detect wrote is none."""
-    images = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES | _OTHER_SUFFIXES]
+def _stems(folder: Path, _: int, suffixes: frozenset[str]) -> Counter[str]:
+    """How many images, or videos, of a folder have a name; a picture that elf-detect wrote is none."""
+    images = [path for path in folder.iterdir() if path.suffix.lower() in suffixes]
     counts = Counter(path.stem for path in images)
     counts.subtract(path.stem for path in images if counts[path.stem] > 1 and is_written(path))
     return counts
@@ -155,8 +177,8 @@ def check_pictures(arguments: Sequence[str], paths: Sequence[Path], output: Path
         if folder.is_dir() and (out == real(folder) or (recursive and real(folder) in out.parents)):
             raise UsageError(
                 f"-o {output}: the pictures would be taken for images of the folder {folder} next time; "
-                "give a folder outside it, or --no-picture"
+                "give a folder outside it, or write no pictures (--no-picture, and no --explain)"
             )
     for path in paths:
         if is_written(path):
-            raise UsageError(f"{path} is a picture that elf-detect wrote; leave it out, or --no-picture")
+            raise UsageError(f"{path} is a picture that elf-detect wrote; leave it out, or --picture and --explain")

@@ -77,7 +77,12 @@ class _PrintCompletion(argparse.Action):
             import shtab
         except ImportError:
             parser.error('shell completion needs shtab: pip install shtab, or this package with its extra "cli"')
-        print(shtab.complete(parser, shell))
+        for action in parser._actions:
+            if action.choices is None and action.nargs != 0:  # what takes a value may take a file
+                action.complete = shtab.FILE  # type: ignore[attr-defined]
+        script = str(shtab.complete(parser, shell))
+        # Where the options end, bash goes on with what it completes by itself: files and folders.
+        print(script.replace("complete -o bashdefault -F", "complete -o default -o bashdefault -F"))
         parser.exit()
 
 

@@ -43,6 +43,8 @@ class ModelContract:
         "average" where the detector averages in place of the network's max-pooling; "" where it is as it was trained.
     compression : CompressionSpec, optional
         Of the network's convolutions, where they are not as they were trained.
+    end_to_end : mapping, optional
+        Of a file that gives keypoints itself: the form of its graph (pixels, batch, rounds).  `ElfRuntime` takes none.
     parity : mapping
         The exporter's measured errors against its reference (maximum, share of pixels, keypoints).
     cost : mapping
@@ -64,6 +66,7 @@ class ModelContract:
     weights: WeightsSpec = field(default_factory=WeightsSpec)
     pooling: str = ""
     compression: CompressionSpec | None = None
+    end_to_end: Mapping[str, Any] | None = None
     parity: Mapping[str, float] = field(default_factory=dict)
     cost: Mapping[str, float] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
@@ -84,8 +87,9 @@ class ModelContract:
         for spec in values["descriptors"]:
             if spec["scale"] == 1.0:
                 del spec["scale"]
-        if self.compression is None:
-            del values["compression"]
+        for name in ("compression", "end_to_end"):
+            if getattr(self, name) is None:
+                del values[name]
         for name in _LATER:
             if getattr(self.detection, name) == getattr(DetectionParams, name):
                 del values["detection"][name]
@@ -111,6 +115,11 @@ class ModelContract:
         ContractError
             Naming the file, the key and both sides of the disagreement.
         """
+        if self.end_to_end is not None:
+            raise ContractError(
+                f"{file}: it was exported with --end-to-end, and gives keypoints itself: run it by ONNX Runtime alone, "
+                "or export it without that option"
+            )
         found = disagreement(self.input, self.saliency_output, self.descriptors, inputs, outputs)
         if found:
             raise ContractError(f"{file}: {found}. Export it again: {self.command[:500] or 'elf-export ...'}")

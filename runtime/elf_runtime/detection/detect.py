@@ -90,7 +90,8 @@ def _maxima(seen: Seen, params: DetectionParams, watch: Stopwatch) -> tuple[Leve
         # The paper's scores were of 8 bits so far.
         values, best = scores.astype(np.float32, copy=False), strength.astype(np.float32, copy=False)
     kept = smooth.astype(np.float32, copy=False) if params.grid == (1, 1) else None
-    return Level(image.scaling.scale, seen.saliency, values, mask, float(level), kept, histogram), found, best
+    one = Level(image.scaling.scale, seen.saliency, values, mask, float(level), kept, histogram, allowed)
+    return one, found, best
 
 
 def _across_scales(

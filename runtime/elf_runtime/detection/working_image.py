@@ -104,8 +104,13 @@ def prepare(
     """
     if params.oriented and contract.input.is_fixed:
         raise SettingError(f"{model} takes images of one size only, and not the patches of oriented keypoints")
-    if params.max_side != "none" and contract.input.is_fixed:
-        raise SettingError(f"{model} takes images of one size only: max_side can't be chosen")
+    if not isinstance(params.max_side, str):
+        if contract.input.is_fixed:
+            raise SettingError(f"{model} takes images of one size only: max_side can't be chosen")
+        if params.max_side < contract.input.min_size:
+            raise SettingError(
+                f"max_side is {params.max_side}, and {model} sees {contract.input.min_size} pixels or more"
+            )
     # One pixel stands for an image of one colour, which may be a gigabyte that was a kilobyte of file.
     blank = images.is_blank(image)
     pixels = images.to_pixels(image[:1, :1] if blank else image, contract.input)

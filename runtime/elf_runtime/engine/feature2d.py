@@ -9,9 +9,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from elf_runtime.errors import SettingError
+from elf_runtime.errors import ImageError, SettingError
 from elf_runtime.results.features import Features
 from elf_runtime.results.quantization import quantized
+from elf_runtime.values import is_int
 
 from .runtime import ElfRuntime
 
@@ -21,7 +22,8 @@ KeyPoints = tuple[Any, ...]
 class ElfFeature2D:
     """ELF in the place of a ``cv2.Feature2D``: the same methods, orders of arguments and results.
 
-    Images and masks may be arrays or ``cv2.UMat``; images are BGR or grey, as OpenCV reads them.  A mask is non-zero
+    Images and masks may be arrays or ``cv2.UMat``, which gives descriptors as one; images are BGR or grey, as OpenCV
+    reads them.  In images smaller than the model takes, and empty ones, there is nothing to find.  A mask is non-zero
     where keypoints may be, in any of its channels where it has several.  `detect` and `compute` take a list of images,
     too.
 
@@ -36,6 +38,7 @@ class ElfFeature2D:
         preset: str | None = None,
         descriptor: str | None = None,
         descriptor_type: str = "float32",
+        color: str = "bgr",
         **settings: Any,
     ) -> None:
         """Open a model, with settings for all images.
@@ -46,6 +49,8 @@ class ElfFeature2D:
             As for `ElfRuntime`; an instance where providers or threads are to be chosen.
         preset, descriptor, **settings
             As for `ElfRuntime.detect`: ``max_keypoints=2000``, ``oriented=True`` ...
+        color : "bgr" or "rgb"
+            Order of the channels of arrays, as for `ElfRuntime`, whose own it is where one is given.
         descriptor_type : "float32" or "uint8"
             uint8 is that of `Features.quantized`: a quarter of the memory, compared by the same norm.
 
@@ -56,8 +61,11 @@ class ElfFeature2D:
         """
         if descriptor_type not in ("float32", "uint8"):
             raise SettingError(f"descriptor_type is 'float32' or 'uint8', not {descriptor_type!r}")
+        if is_int(model):
+            raise SettingError(f"the first argument is a model; the number of keypoints is max_keypoints={model!r}")
         self._bytes = descriptor_type == "uint8"
-        self.runtime = model if isinstance(model, ElfRuntime) else ElfRuntime(model)
+        self.runtime = model if isinstance(model, ElfRuntime) else ElfRuntime(model, color=color)
+        self._given = {"preset": preset, "descriptor": descriptor, **settings}
         self._params = self.runtime.params(preset, **settings)
         self._descriptor, self._spec = descriptor, self.runtime.contract.descriptor(descriptor)
 
@@ -65,6 +73,8 @@ class ElfFeature2D:
         """cv2.KeyPoint of the image, the strongest first; a tuple of such for a list of images (and masks)."""
         if isinstance(image, (list, tuple)):
             masks = [None] * len(image) if mask is None else mask
+            if len(masks) != len(image):
+                raise ImageError(f"{len(masks)} masks for {len(image)} images")
             return tuple(self.detect(one, its) for one, its in zip(image, masks, strict=True))
         return tuple(self._features(image, mask).to_cv2()[0])
 
@@ -74,13 +84,15 @@ class ElfFeature2D:
         For lists of images and of their keypoints: two tuples.  `descriptors` is not written to.
         """
         if isinstance(image, (list, tuple)):
+            if len(keypoints) != len(image):
+                raise ImageError(f"{len(keypoints)} lists of keypoints for {len(image)} images")
             found = [self.compute(one, its) for one, its in zip(image, keypoints, strict=True)]
             return tuple(points for points, _ in found), tuple(rows for _, rows in found)
         points = tuple(keypoints)
         if not points:
             return points, None
         rows = self.runtime.describe(_array(image), points, self._descriptor, params=self._params)
-        return points, quantized(rows) if self._bytes else rows
+        return points, _like(quantized(rows) if self._bytes else rows, image)
 
     def detectAndCompute(
         self, image: Any, mask: Any, descriptors: Any = None, useProvidedKeypoints: bool = False
@@ -97,7 +109,7 @@ class ElfFeature2D:
         if useProvidedKeypoints:
             raise SettingError("useProvidedKeypoints: compute(image, keypoints) describes keypoints that you have")
         keypoints, rows = self._features(image, mask).to_cv2()
-        return tuple(keypoints), rows if keypoints else None
+        return tuple(keypoints), _like(rows, image) if keypoints else None
 
     def defaultNorm(self) -> int:
         """cv2.NORM_L2: how descriptors are compared."""
@@ -119,15 +131,25 @@ class ElfFeature2D:
         return False
 
     def _features(self, image: Any, mask: Any) -> Features:
-        found = self.runtime.detect(_array(image), mask=_mask(mask), descriptor=self._descriptor, params=self._params)
+        pixels = _array(image)
+        least = self.runtime.contract.input.min_size
+        if pixels is None or min(np.shape(pixels)[:2], default=0) < least:  # OpenCV's detectors find nothing there
+            return Features.from_cv2((), None, (1, 1))
+        found = self.runtime.detect(pixels, mask=_mask(mask), descriptor=self._descriptor, params=self._params)
         return found.quantized() if self._bytes else found
 
     def __repr__(self) -> str:
-        return f"ElfFeature2D({self.runtime!r})"
+        given = "".join(f", {name}={value!r}" for name, value in self._given.items() if value is not None)
+        return f"ElfFeature2D({self.runtime!r}{given}{', uint8 descriptors' if self._bytes else ''})"
 
 
 def _array(image: Any) -> Any:
     return image.get() if isinstance(image, cv2.UMat) else image
+
+
+def _like(rows: Any, image: Any) -> Any:
+    """A cv2.UMat for one, as OpenCV's detectors give it."""
+    return cv2.UMat(rows) if isinstance(image, cv2.UMat) else rows
 
 
 def _mask(mask: Any) -> npt.NDArray[Any] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import time
@@ -20,9 +21,12 @@ from elf_runtime.pictures.explanation import draw_explanation
 from elf_runtime.pictures.file import short_name, write_picture
 from elf_runtime.pictures.render import detection_picture
 from elf_runtime.results.features import load_record
+from elf_runtime.results.files.npz import is_torn
 
 from .frames import Frame
 from .room import Room, memory_needed
+
+_ENDS_ALL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)  # no image can be written any more
 
 
 @dataclass
@@ -60,6 +64,8 @@ class Extractor:
         try:
             return self._extract(frame)
         except (ElfError, OSError) as error:
+            if isinstance(error, OSError) and error.errno in _ENDS_ALL:
+                raise
             told = str(error).startswith(printable(f"{frame.name}:"))
             return {**frame.told(), "error": str(error) if told else f"{frame.name}: {error}"}
 
@@ -119,7 +125,7 @@ class Extractor:
         same = found == json.loads(json.dumps(record)) and len(there) == len(files)
         if self.skip_existing and same:
             return True
-        if self.overwrite:
+        if self.overwrite or (self.skip_existing and is_torn(files[0])):
             return False
         if found is None or any(found.get(key) != record.get(key) for key in ("image", "frame")):
             whose = "is no result of elf-detect" if found is None else f"holds the results of {found.get('image')}"

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from elf_runtime.results.trace import Level, Trace
 
 _LEAST = (440, 330)  # width and height that charts and numbers need
+_MASKED = (90, 90, 90)
 _LINE = 24  # pixels from one line of text to the next
 
 
@@ -29,8 +30,8 @@ def draw_explanation(image: ImageLike, trace: Trace, title: str = "", color: str
     The first row has the image, the keypoints on it (colours by rank, from weak to strong; rings grow with the sizes),
     and the numbers.  Each working scale, the finest first, has a row of its own: the saliency, the map that the level
     is chosen from with the level's contour, and the histogram of that map with the level and the entropy that Kapur's
-    level maximises.  In a grid, whose cells have levels of their own, it is the denoised map with the edge of what
-    passed.
+    level maximises.  What a mask or alpha leaves out is grey.  In a grid, whose cells have levels of their own, it is
+    the denoised map with the edge of what passed.
 
     Parameters
     ----------
@@ -77,10 +78,15 @@ def _of_level(level: Level, view: Picture) -> list[Picture]:
         name, bound = "blurred for the level", f"contour at {level.threshold:g}"
         wide = cv2.resize(blurred, size, interpolation=cv2.INTER_LINEAR)
         passed = wide >= level.threshold if level.threshold > 0 else wide > 0
+    heat = heatmap(blurred)
+    if level.allowed is not None:
+        bound += ", grey where the mask lets none be"
+        heat[~level.allowed] = _MASKED
+        passed &= cv2.resize(level.allowed.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
     chart = histogram_chart(blurred, level.histogram, level.threshold, _chart_size(view))
     return [
         titled(np.asarray(saliency, np.uint8), "saliency S = |F^T dF/dI|", f"{w}x{h}"),
-        titled(_outlined(heatmap(blurred), passed), name, bound),
+        titled(_outlined(heat, passed), name, bound),
         titled(chart, f"histogram, scale {level.scale:.3g}"),
     ]
 

@@ -72,6 +72,9 @@ class Features:
             object.__setattr__(self, name, values)
             if values.shape != (len(self),):
                 raise ElfError(f"{name} have shape {values.shape}, not (N,) for {len(self)} keypoints")
+        for name in ("keypoints", "scores"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise ElfError(f"some {name} are NaN or infinite")
         if not ((self.sizes > 0) & np.isfinite(self.sizes)).all():
             raise ElfError("some sizes are not above 0, or not finite")
         if not ((self.angles == -1) | ((self.angles >= 0) & (self.angles < 360))).all():
@@ -151,7 +154,11 @@ class Features:
 
     @classmethod
     def from_cv2(
-        cls, keypoints: Sequence[Any], descriptors: npt.ArrayLike | None, image_size: tuple[int, int]
+        cls,
+        keypoints: Sequence[Any],
+        descriptors: npt.ArrayLike | None,
+        image_size: tuple[int, int],
+        quantized: bool = False,
     ) -> Features:
         """What one of OpenCV's detectors found, SIFT's say, for `match`, `Matches`, `estimate` and the files.
 
@@ -162,13 +169,15 @@ class Features:
         descriptors : (N, D) floats, or None
             Rows of any length; `match` goes by their distances.  None is none: (N, 0).
         image_size : (height, width)
+        quantized : bool
+            Whether descriptors are the bytes that `quantized`, or ``ElfFeature2D(descriptor_type="uint8")``, made.
 
         Raises
         ------
         ElfError
             If there are not as many descriptors as keypoints, or they are bits (ORB's).
         """
-        return cls(**fields_of(keypoints, descriptors), image_size=image_size, nms_radius=0.0)
+        return cls(**fields_of(keypoints, descriptors, quantized), image_size=image_size, nms_radius=0.0)
 
     def __repr__(self) -> str:
         height, width = self.image_size

@@ -66,7 +66,7 @@ def mutual_nearest(
     a, b = as_rows(first, "first"), as_rows(second, "second")
     if ratio is not None and not (is_number(ratio) and 0.0 < ratio < 1.0):
         raise SettingError(f"ratio is a number in (0, 1), not {ratio!r}")
-    if a.shape[1] != b.shape[1]:
+    if a.shape[1] != b.shape[1] and len(a) and len(b):
         raise SettingError(f"descriptors of shapes {a.shape} and {b.shape} can't be compared")
     if a.shape[1] == 0 and len(a) and len(b):
         raise SettingError("these features have no descriptors: the model was exported with --desc none")

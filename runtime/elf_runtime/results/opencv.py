@@ -25,11 +25,16 @@ def keypoints_of(features: Features, finest: float) -> list[Any]:
     ]
 
 
-def fields_of(keypoints: Sequence[Any], descriptors: npt.ArrayLike | None) -> dict[str, Any]:
+def fields_of(keypoints: Sequence[Any], descriptors: npt.ArrayLike | None, quantized: bool = False) -> dict[str, Any]:
     """The fields of `Features` that cv2.KeyPoint and descriptors give, by name: see `Features.from_cv2`."""
     rows = np.zeros((len(keypoints), 0), np.float32) if descriptors is None else np.asarray(descriptors)
-    if rows.ndim != 2 or len(rows) != len(keypoints) or rows.dtype.kind != "f":
-        raise ElfError(f"descriptors of {len(keypoints)} keypoints are (N, D) floats, not {rows.shape} {rows.dtype}")
+    is_kind = rows.dtype == np.uint8 if quantized and descriptors is not None else rows.dtype.kind == "f"
+    if rows.ndim != 2 or len(rows) != len(keypoints) or not is_kind:
+        kind = "uint8" if quantized else "floats"
+        hint = "; of bytes that quantized() made, say quantized=True" if rows.dtype == np.uint8 else ""
+        raise ElfError(
+            f"descriptors of {len(keypoints)} keypoints are (N, D) {kind}, not {rows.shape} {rows.dtype}{hint}"
+        )
     table = [(*point.pt, point.response, point.size, point.angle) for point in keypoints]
     x, y, scores, sizes, angles = np.array(table, np.float32).reshape(-1, 5).T
     order = np.argsort(-scores, kind="stable")
@@ -37,7 +42,7 @@ def fields_of(keypoints: Sequence[Any], descriptors: npt.ArrayLike | None) -> di
     return {
         "keypoints": np.stack([x, y], axis=1)[order],
         "scores": scores[order],
-        "descriptors": rows.astype(np.float32)[order],
+        "descriptors": rows[order] if rows.dtype == np.uint8 else rows.astype(np.float32)[order],
         "sizes": np.where(sizes > 0, sizes, np.float32(1))[order],
         "angles": turned[order],
     }

@@ -37,6 +37,8 @@ class Level:
     histogram : (256,) float32, optional
         Pixels of `smooth` in [i, i + 1), where keypoints may be; the last bin has 255 too.  None unless the level is
         Kapur's, and in a grid.
+    allowed : (h, w) bool, optional
+        Where mask and alpha let keypoints be, away from their edges; None where that is everywhere.
     """
 
     scale: float
@@ -46,6 +48,7 @@ class Level:
     threshold: float = math.nan
     smooth: Array | None = None
     histogram: Array | None = None
+    allowed: npt.NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, eq=False)

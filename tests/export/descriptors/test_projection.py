@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from elf_export import LayerError, Reduction
-from elf_export.command.options import parser, reduction_of
+from elf_export.command.asked import reduction_of
+from elf_export.command.options import parser
 from elf_export.descriptors.projection import fit, moments, thinned
 from export.descriptors.svd import by_svd
 

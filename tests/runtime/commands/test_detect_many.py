@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import cv2
@@ -221,3 +222,41 @@ def test_memory_stays_flat(tmp_path: Path) -> None:
         )
         peaks.append(int(done.stdout.split()[-1]) / 1024)
     assert peaks[1] - peaks[0] < 20, peaks
+
+
+def test_a_disk_that_is_full_ends_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    for i in range(20):
+        write(tmp_path / "in" / f"{i:02d}.png", i)
+    monkeypatch.setattr("elf_runtime.files.write.os.replace", full)
+    assert detect(tmp_path / "in", "-o", tmp_path / "out", "--workers", 2) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "00.npz: No space left on device" in error
+
+
+def test_what_takes_long_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("elf_runtime.commands.patience.SECONDS", 0.01)
+    trace = ElfRuntime.trace
+
+    def slow(self: ElfRuntime, *given: object, **more: object) -> object:
+        time.sleep(0.3)
+        return trace(self, *given, **more)
+
+    monkeypatch.setattr(ElfRuntime, "trace", slow)
+    image = write(tmp_path / "a.png")
+    assert detect(image, "-o", tmp_path / "out") == 0
+    assert capsys.readouterr().err == f"elf-detect: {image} takes a while ...\n"
+    assert detect(image, "-o", tmp_path / "out", "--quiet") == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_side_below_what_the_network_takes_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert detect(write(tmp_path / "a.png"), "-o", tmp_path / "out", "--max-side", 5) == 1
+    assert "max_side is 5, and" in capsys.readouterr().err

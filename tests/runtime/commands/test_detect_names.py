@@ -13,6 +13,7 @@ import pytest
 from elf_runtime import Features
 from elf_runtime.commands.inputs import image_files
 from helpers import ROOT, TINY
+from runtime.clips import clip
 from runtime.commands.detecting import detect, results, write
 
 
@@ -112,3 +113,30 @@ def test_any_name_on_any_terminal(tmp_path: Path, encoding: str) -> None:
         assert said.count(b"\n") == {"in": 4 + 1}.get(arguments[0], 1)
     assert len(results(tmp_path / "out")) == 4
     assert len(json.loads((tmp_path / "s.json").read_text())["images"]) == 4
+
+
+def test_results_keep_their_name_whatever_images_come_and_go(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, out = tmp_path / "in", tmp_path / "out"
+    first = write(folder / "b.jpg")
+    words = [folder, "-o", out, "--skip-existing", "--no-picture"]
+    assert detect(*words) == 0
+    assert results(out) == {"b.npz"}
+    write(folder / "b.png", 1)
+    assert detect(*words) == 0
+    assert results(out) == {"b.npz", "b.png.npz"}
+    assert "1 skipped" in capsys.readouterr().out
+    first.unlink()
+    assert detect(*words) == 0
+    assert ": skipped, " in capsys.readouterr().out
+    assert results(out) == {"b.npz", "b.png.npz"}
+
+
+def test_videos_that_differ_in_their_ending_only(tmp_path: Path) -> None:
+    for name in ("clip.avi", "clip.mkv", "other.avi"):
+        clip(tmp_path / "in" / name)
+    write(tmp_path / "in" / "other.jpg")
+    videos = [tmp_path / "in" / name for name in ("clip.avi", "clip.mkv", "other.avi")]
+    assert detect(*videos, "-o", tmp_path / "out", "--limit", 1) == 0
+    assert results(tmp_path / "out") == {f"{name}/000000.npz" for name in ("clip.avi", "clip.mkv", "other")}

@@ -84,3 +84,18 @@ def test_an_interrupted_image_is_done_again(tmp_path: Path, monkeypatch: pytest.
     assert detect(image, "-o", out, "--skip-existing") == 0
     assert len((out / "1.csv").read_text().splitlines()) == len(Features.load(out / "1.npz")) + 1 > 4
     assert (out / "1.png").exists()
+
+
+def test_a_result_that_was_cut_off_is_done_again(tmp_path: Path) -> None:
+    image, out = write(tmp_path / "1.jpg"), tmp_path / "out"
+    assert detect(image, "-o", out) == 0
+    whole = (out / "1.npz").read_bytes()
+    (out / "1.npz").write_bytes(whole[:900])
+    assert detect(image, "-o", out) == 1  # without a word on existing results nothing is replaced
+    assert detect(image, "-o", out, "--skip-existing") == 0
+    np.testing.assert_array_equal(Features.load(out / "1.npz").keypoints, load(whole, tmp_path).keypoints)
+
+
+def load(data: bytes, folder: Path) -> Features:
+    (folder / "whole.npz").write_bytes(data)
+    return Features.load(folder / "whole.npz")

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from elf_runtime import ElfError, ElfFeature2D, ElfRuntime, Features, SettingError, estimate
+from elf_runtime import ElfError, ElfFeature2D, ElfRuntime, Features, ImageError, SettingError, estimate, match
 from helpers import ROOT, TINY, textured
 
 PALACE = np.asarray(cv2.imread(str(ROOT / "demo" / "palace.jpg")), np.uint8)
@@ -152,3 +152,50 @@ def test_descriptors_of_bytes(elf: ElfRuntime, detector: ElfFeature2D) -> None:
     assert all(match.queryIdx == match.trainIdx for match in matcher.match(rows, again))
     with pytest.raises(SettingError, match="descriptor_type is 'float32' or 'uint8', not 'float16'"):
         ElfFeature2D(elf, descriptor_type="float16")
+
+
+def test_bytes_go_to_opencv_and_back() -> None:
+    detector = ElfFeature2D(TINY, descriptor_type="uint8", threshold="none")
+    image = textured(96, 128)
+    keypoints, rows = detector.detectAndCompute(image, None)
+    features = Features.from_cv2(keypoints, rows, image.shape[:2], quantized=True)
+    np.testing.assert_array_equal(
+        features.descriptors, detector.runtime.detect(image, threshold="none").quantized().descriptors
+    )
+    with pytest.raises(ElfError, match="say quantized=True"):
+        Features.from_cv2(keypoints, rows, image.shape[:2])
+    nothing = Features.from_cv2((), None, (10, 10))
+    assert len(match(nothing, features)) == len(match(features, nothing)) == 0
+
+
+@pytest.mark.parametrize("image", [None, np.zeros((0, 0, 3), np.uint8), np.zeros((10, 40), np.uint8)])
+def test_there_is_nothing_to_find_in_what_is_too_small(image: np.ndarray | None) -> None:
+    detector = ElfFeature2D(TINY)
+    assert detector.detect(image) == ()
+    assert detector.detectAndCompute(image, None) == ((), None)
+
+
+def test_a_umat_gives_a_umat() -> None:
+    detector, image = ElfFeature2D(TINY, threshold="none"), textured(96, 128)
+    _, plain = detector.detectAndCompute(image, None)
+    keypoints, rows = detector.detectAndCompute(cv2.UMat(image), None)
+    assert isinstance(rows, cv2.UMat)
+    np.testing.assert_array_equal(rows.get(), plain)
+    assert isinstance(detector.compute(cv2.UMat(image), keypoints)[1], cv2.UMat)
+
+
+def test_arguments_that_are_mistaken() -> None:
+    with pytest.raises(SettingError, match="the number of keypoints is max_keypoints=500"):
+        ElfFeature2D(500)  # type: ignore[arg-type]
+    detector, image = ElfFeature2D(TINY, max_keypoints=7, descriptor_type="uint8"), textured(96, 128)
+    with pytest.raises(ImageError, match="1 masks for 2 images"):
+        detector.detect([image, image], [None])
+    with pytest.raises(ImageError, match="1 lists of keypoints for 2 images"):
+        detector.compute([image, image], [[]])
+    assert repr(detector).endswith(", max_keypoints=7, uint8 descriptors)")
+
+
+def test_rgb() -> None:
+    image = cv2.cvtColor(textured(96, 128), cv2.COLOR_BGR2RGB)
+    wanted = ElfFeature2D(TINY).detect(image[:, :, ::-1])
+    assert [point.pt for point in ElfFeature2D(TINY, color="rgb").detect(image)] == [point.pt for point in wanted]

@@ -13,7 +13,7 @@ import pytest
 from elf_runtime import ElfRuntime, ImageError, draw_explanation
 from elf_runtime.entropy import class_entropies, kapur
 from elf_runtime.pictures.chart import ABOVE, BELOW, ENTROPY, LEVEL, histogram_chart
-from helpers import textured
+from helpers import TINY, textured
 
 
 def picture() -> npt.NDArray[np.uint8]:
@@ -122,3 +122,16 @@ def test_the_chart_parts_its_bars_at_the_level_and_the_curve_peaks_there() -> No
     assert abs(columns.mean() - (left + level * step)) <= 1
     rows, at = np.nonzero((chart[52:bottom] == ENTROPY).all(axis=2))
     assert abs(np.median(at[rows == rows.min()]) - (left + level * step)) <= 8
+
+
+def test_what_a_mask_leaves_out_is_grey_and_outside_the_contour() -> None:
+    image = textured(96, 128)
+    mask = np.zeros((96, 128), np.uint8)
+    mask[:, 64:] = 1
+    elf = ElfRuntime(TINY, threads=1)
+    plain, masked = (draw_explanation(image, elf.trace(image, mask=one)) for one in (None, mask))
+
+    def gray(sheet: np.ndarray) -> int:
+        return int((sheet == 90).all(axis=2).sum())
+
+    assert gray(masked) > gray(plain) + 0.1 * masked.shape[0] * masked.shape[1] / 6

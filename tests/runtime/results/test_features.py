@@ -227,3 +227,12 @@ def test_they_compare_by_identity(features: Features) -> None:
     assert features in {features}
     trace = ElfRuntime(TINY, threads=1).trace(textured(64, 80))
     assert trace == trace
+
+
+@pytest.mark.parametrize("name", ["keypoints", "scores"])
+def test_places_and_scores_are_finite(name: str, tmp_path: Path) -> None:
+    wrong = arrays(5)
+    wrong[name].ravel()[3] = np.nan
+    np.savez(tmp_path / "f.npz", **wrong)
+    with pytest.raises(ElfError, match=f"f.npz: some {name} are NaN or infinite"):
+        Features.load(tmp_path / "f.npz")

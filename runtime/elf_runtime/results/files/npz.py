@@ -83,6 +83,16 @@ def load_record(path: str | os.PathLike[str]) -> dict[str, Any] | None:
         return None
 
 
+def is_torn(path: str | os.PathLike[str]) -> bool:
+    """Whether a file begins as an ``.npz`` and ends too early, as a copy that was interrupted."""
+    try:
+        with open_regular(path) as file:
+            begins = file.read(4) == b"PK\x03\x04"
+            return begins and not zipfile.is_zipfile(file)
+    except OSError:
+        return False
+
+
 def _record(data: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
     record = json.loads(str(data["record"]))
     if not isinstance(record, dict):

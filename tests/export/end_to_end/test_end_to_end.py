@@ -1,0 +1,204 @@
+"""Keypoints out of the file alone against `ElfRuntime.detect`, and what can't be in such a file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+onnx = pytest.importorskip("onnx")
+
+import onnxruntime as ort  # noqa: E402
+
+from elf_export.checks.alone import compare_alone  # noqa: E402
+from elf_export.cli import main  # noqa: E402
+from elf_export.end_to_end.build import Form, end_to_end  # noqa: E402
+from elf_export.errors import ExportError  # noqa: E402
+from elf_runtime import ContractError, ElfRuntime, Features  # noqa: E402
+from elf_runtime.image.file import read  # noqa: E402
+from elf_runtime.model import bundled_model  # noqa: E402
+from helpers import ROOT, TINY, textured  # noqa: E402
+
+from .running import QUIET  # noqa: E402
+
+pytestmark = pytest.mark.torch
+
+
+def corner() -> np.ndarray:
+    image = np.full((120, 150, 3), 60, np.uint8)
+    image[60:, 75:] = 200
+    return image
+
+
+RNG = np.random.default_rng(0)
+IMAGES = {
+    "photograph": read(ROOT / "demo" / "palace.jpg"),
+    "textured": textured(150, 201),
+    "grey": textured(90, 131, channels=1).reshape(90, 131, 1),
+    "noise": RNG.integers(0, 256, (111, 140, 3), np.uint8),
+    "flat": np.full((64, 64, 3), 90, np.uint8),
+    "one corner": corner(),
+    "plateaus": np.kron(RNG.integers(0, 2, (9, 11, 1)).astype(np.uint8) * 200, np.ones((16, 16, 3), np.uint8)),
+    "tiny": textured(33, 47),
+    "thin": textured(34, 400),
+}
+
+
+BYTES = Form()
+
+
+def session(model: Path, form: Form = BYTES, **settings: object) -> tuple[ElfRuntime, ort.InferenceSession, dict]:
+    """The runtime, the file alone, and the settings that it has."""
+    elf = ElfRuntime(model)
+    contract = replace(elf.contract, detection=elf.contract.detection.updated(**settings))
+    graph = end_to_end(onnx.load(model), contract, form)
+    return elf, ort.InferenceSession(graph.SerializeToString(), QUIET), {"params": contract.detection}
+
+
+def assert_same(wanted: Features, keypoints: np.ndarray, scores: np.ndarray, descriptors: np.ndarray) -> None:
+    assert keypoints.shape == (len(wanted), 2)
+    np.testing.assert_allclose(keypoints, wanted.keypoints, atol=0.01)
+    np.testing.assert_allclose(scores, wanted.scores, rtol=1e-4, atol=1e-3)
+    assert descriptors.shape == wanted.descriptors.shape
+    described = wanted.descriptors.any(axis=1)  # a place where the whole map is 0 has none
+    assert (descriptors.any(axis=1) == described).all()
+    assert ((descriptors * wanted.descriptors).sum(axis=1)[described] > 0.999).all()
+
+
+SETTINGS = [
+    {},
+    {"normalize": 0.95, "suppression": "maxima", "subpixel": True, "denoise": (3, 0.8), "nms_radius": 4},
+    {"scale": 0.45, "subpixel": True, "min_contrast": 3.0},
+    {"quantize": True, "threshold": "none", "border": 0, "nms_radius": 0},
+    {"threshold": 0.3, "max_keypoints": 5, "mask_border": 0},
+]
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=range(len(SETTINGS)))
+def test_the_file_alone_finds_what_the_runtime_finds(settings: dict[str, object]) -> None:
+    elf, alone, params = session(TINY, **settings)
+    found = 0
+    for image in IMAGES.values():
+        for masked in (False, True):
+            mask = np.zeros(image.shape[:2], np.uint8)
+            mask[image.shape[0] // 4 :, : 2 * image.shape[1] // 3] = 1
+            feed = {"image": image[None]} | ({"mask": mask} if masked else {})
+            wanted = elf.detect(image, mask=mask if masked else None, **params)
+            assert_same(wanted, *alone.run(None, feed))
+            found += len(wanted)
+    assert found > 30
+
+
+@pytest.mark.parametrize("precision", ["int8", "fp32"])
+def test_the_bundled_models_alone(precision: str) -> None:
+    elf, alone, params = session(bundled_model(precision))
+    for name in ("photograph", "textured", "noise", "tiny"):
+        wanted = elf.detect(IMAGES[name], **params)
+        assert_same(wanted, *alone.run(None, {"image": IMAGES[name][None]}))
+
+
+def test_inputs_that_have_defaults() -> None:
+    elf, alone, params = session(TINY, threshold="none", max_keypoints=40)
+    image = IMAGES["textured"]
+    for most, threshold in ((0, 0.0), (7, 0.5), (10_000, -1.0)):
+        feed = {"image": image[None], "max_keypoints": np.array(most), "threshold": np.array(threshold, np.float32)}
+        level = "kapur" if threshold < 0 else threshold
+        changed = params["params"].updated(max_keypoints=most, threshold=level)
+        assert_same(elf.detect(image, params=changed), *alone.run(None, feed))
+
+
+def test_a_batch_is_padded() -> None:
+    elf, alone, params = session(TINY, Form("float32", batch=True), max_keypoints=60)
+    images = np.stack([textured(80, 100, 0), np.full((80, 100, 3), 7, np.uint8), textured(80, 100, 1)])
+    names = ("keypoints", "scores", "counts", "descriptors")
+    found = dict(zip(names, alone.run(names, {"image": images.astype(np.float32)}), strict=True))
+    assert found["keypoints"].shape == (3, 60, 2)
+    assert found["counts"][1] == 0
+    for i, count in enumerate(found["counts"]):
+        parts = [found[name][i] for name in ("keypoints", "scores", "descriptors")]
+        assert_same(elf.detect(images[i], **params), *(part[:count] for part in parts))
+        assert not any(part[count:].any() for part in parts)
+
+
+def test_channels_in_the_other_order() -> None:
+    elf, alone, params = session(TINY, Form(color="rgb"))
+    image = IMAGES["photograph"]
+    wanted = elf.detect(image, **params)
+    assert_same(wanted, *alone.run(None, {"image": image[None, :, :, ::-1]}))
+    other = alone.run(None, {"image": image[None]})[0]
+    assert other.shape != wanted.keypoints.shape or np.abs(other - wanted.keypoints).max() > 1
+
+
+def test_rounds_without_control_flow() -> None:
+    elf, alone, params = session(TINY, Form(rounds=12))
+    graph = end_to_end(onnx.load(TINY), elf.contract, Form(rounds=3))
+    assert not {"Loop", "If", "Scan"} & {node.op_type for node in graph.graph.node}
+    image = IMAGES["textured"]
+    assert_same(elf.detect(image, **params), *alone.run(None, {"image": image[None]}))
+
+
+@pytest.mark.parametrize(
+    ("settings", "reason"),
+    [
+        ({"scales": (0.5, 1.0)}, "the setting scales"),
+        ({"oriented": True}, "the setting oriented"),
+        ({"grid": (2, 2)}, "the setting grid"),
+        ({"max_side": 100, "grid": (2, 2)}, "the setting grid, nor the setting max_side"),
+    ],
+)
+def test_what_can_t_be_in_a_graph(settings: dict[str, object], reason: str) -> None:
+    with pytest.raises(ExportError, match=f"a graph can't hold {reason}"):
+        session(TINY, **settings)
+
+
+def test_a_form_that_is_none() -> None:
+    with pytest.raises(ExportError, match="pixels are uint8 or float32, not 'int8'"):
+        Form("int8")
+    with pytest.raises(ExportError, match="-1 rounds"):
+        Form(rounds=-1)
+
+
+def test_a_graph_that_finds_something_else_is_not_written() -> None:
+    elf = ElfRuntime(TINY)
+    other = replace(elf.contract, detection=elf.contract.detection.updated(nms_radius=3, denoise=(9, 3.0)))
+    from elf_export.calibration import calibration_set
+
+    images = calibration_set(None)
+    right = compare_alone(end_to_end(onnx.load(TINY), elf.contract), TINY.read_bytes(), Form(), images)
+    assert right.passed
+    assert (right.near, right.counts) == (1.0, 1.0)
+    wrong = compare_alone(end_to_end(onnx.load(TINY), other), TINY.read_bytes(), Form(), images)
+    assert not wrong.passed
+    assert "are not the runtime's" in wrong.complaint
+
+
+def test_the_command_makes_a_file_that_says_what_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], small_probes: None, one_direction: None
+) -> None:
+    from export.small_models import nchw
+
+    onnx.save(nchw(("N", 3, "H", "W")), tmp_path / "net.onnx")
+    words = [
+        "--onnx",
+        str(tmp_path / "net.onnx"),
+        "--layer",
+        "relu1",
+        "--desc",
+        "relu2",
+        "-o",
+        str(tmp_path / "e.onnx"),
+    ]
+    assert main([*words, "--end-to-end", "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
+    with pytest.raises(ContractError, match="gives keypoints itself: run it by ONNX Runtime alone"):
+        ElfRuntime(tmp_path / "e.onnx")
+    metadata = {prop.key: prop.value for prop in onnx.load(tmp_path / "e.onnx").metadata_props}
+    assert metadata["elf.end_to_end"] == '{"batch": false, "color": "bgr", "pixels": "uint8", "rounds": 0}'
+    assert "--end-to-end" in metadata["elf.command"]
+    found = ort.InferenceSession(tmp_path / "e.onnx", QUIET).run(None, {"image": IMAGES["textured"][None]})
+    assert len(found[0]) > 10
+    with pytest.raises(SystemExit):
+        main([*words, "--rounds", "3"])
+    assert "--rounds goes with --end-to-end only" in capsys.readouterr().err
