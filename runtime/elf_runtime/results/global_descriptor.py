@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -48,17 +51,27 @@ def global_descriptor(features: Features | npt.NDArray[np.number]) -> Array:
     if rows.shape[1] == 0:
         raise SettingError("these features have no descriptors to pool: the model was exported with --desc none")
     if rows.shape[1] > _WIDEST:
-        directions = np.random.default_rng(0).standard_normal((rows.shape[1], _WIDEST))
-        rows = rows @ np.linalg.qr(directions)[0]
+        rows = _product(rows, _directions(rows.shape[1]))
     upper = np.triu_indices(rows.shape[1])
     if len(rows) < 2:
         return np.zeros(len(upper[0]), np.float32)
     rows -= rows.mean(axis=0)
-    spread, axes = np.linalg.eigh(rows.T @ rows / len(rows))
+    spread, axes = np.linalg.eigh(_product(rows.T, rows) / len(rows))
     # What rounding leaves of a zero has a root that is not small.
     root = np.where(spread > 1e-9 * spread[-1], np.maximum(spread, 0.0), 0.0) ** _EXPONENT
-    pooled = ((axes * root) @ axes.T)[upper] * np.where(upper[0] == upper[1], 1.0, np.sqrt(2.0))
+    pooled = _product(axes * root, axes.T)[upper] * np.where(upper[0] == upper[1], 1.0, np.sqrt(2.0))
     return np.asarray(pooled / max(float(np.linalg.norm(pooled)), np.finfo(np.float64).tiny), np.float32)
+
+
+@lru_cache(maxsize=4)
+def _directions(width: int) -> npt.NDArray[np.float64]:
+    """(width, 128) orthogonal directions."""
+    return np.asarray(np.linalg.qr(np.random.default_rng(0).standard_normal((width, _WIDEST)))[0])
+
+
+def _product(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """a b, on one thread, for those of NumPy go on waiting for more, in the way of the network of the next image."""
+    return np.asarray(cv2.gemm(np.ascontiguousarray(a), np.ascontiguousarray(b), 1.0, None, 0.0))
 
 
 def nearest(pooled: npt.NDArray[np.floating], count: int) -> list[npt.NDArray[np.int64]]:
