@@ -107,10 +107,10 @@ def _file(p: argparse.ArgumentParser) -> None:
         "What it changes against fp32 is printed",
     )  # fmt: skip
     p.add_argument(
-        "--end-to-end", nargs="*", choices=("uint8", "float32", "batch"),
+        "--end-to-end", nargs="*", choices=("uint8", "float32", "batch", "saliency"),
         help="put all that follows the network into the graph too: an image goes in, of bytes (uint8, the default) or "
         "floats in 0..255, and keypoints, scores and descriptors come out, in any ONNX runtime; batch: several images "
-        "of one size at once",
+        "of one size at once; saliency: its map comes out too",
     )  # fmt: skip
     p.add_argument(
         "--rounds", type=from_zero, default=0, metavar="N",
@@ -243,7 +243,7 @@ def form_of(args: argparse.Namespace) -> Form | None:
     if args.end_to_end is None:
         return None
     pixels = "float32" if "float32" in args.end_to_end else "uint8"
-    return Form(pixels, "batch" in args.end_to_end, args.rounds)
+    return Form(pixels, "batch" in args.end_to_end, args.rounds, "saliency" in args.end_to_end)
 
 
 def layers_of(text: str | None) -> list[str] | None:
