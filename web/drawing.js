@@ -32,7 +32,7 @@ export function saliencyPicture({ values, width, height }) {
   for (const value of values) if (value > top) top = value;
   for (let i = 0; i < values.length; i++) {
     const share = Math.sqrt(Math.max(0, values[i]) / top);
-    pixels.data.set([...strength(share).map((value) => value * Math.min(1, 2 * share)), 170 + 85 * share], 4 * i);
+    pixels.data.set([...strength(share).map((value) => value * Math.min(1, 2 * share)), 110 + 145 * share], 4 * i);
   }
   context.putImageData(pixels, 0, 0);
   return canvas;

@@ -17,7 +17,7 @@ export async function fetched(url) {
   } catch (error) {
     throw new Error(`${url} can't be loaded (${error.message})`);
   }
-  if (!answer.ok) throw new Error(`${url} can't be loaded (${answer.status}): run "npm run vendor" in web/`);
+  if (!answer.ok) throw new Error(`${url} can't be loaded (${answer.status}): "make web" puts there what the page needs`);
   return answer;
 }
 

@@ -6,9 +6,10 @@ const BUILDS = { wasm: "ort.wasm.min.mjs", webgpu: "ort.min.mjs" };
 const WANTED = ["keypoints", "scores"];
 const TRIAL = 96;  // pixels of the first image: some kernels refuse a model only when they run
 
-// How many threads WebAssembly may have here: one, where the page is not isolated from other origins (see serve.py).
+// How many threads WebAssembly may have here: one, where the page is not isolated from other origins (see serve.py), else
+// half of the processor's, whose other half waits for the same units and draws the page.
 export function threadsHere() {
-  return self.crossOriginIsolated ? Math.min(8, navigator.hardwareConcurrency || 1) : 1;
+  return self.crossOriginIsolated ? Math.min(8, Math.ceil((navigator.hardwareConcurrency || 1) / 2)) : 1;
 }
 
 export async function openModel(bytes, provider, threads) {

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 import onnx
 import onnxruntime
+from webgpu import for_webgpu
 
 from elf_export.end_to_end.build import Form, end_to_end
 from elf_export.file import stamped
@@ -32,23 +33,13 @@ RUNTIME_FILES = (
 RATIO = 0.9
 
 
-def spelled_out(model: onnx.ModelProto) -> onnx.ModelProto:
-    """Convolutions with all attributes that have defaults: WebGPU's of onnxruntime-web knows no defaults."""
-    for node in model.graph.node:
-        if node.op_type == "Conv":
-            stated = {attribute.name for attribute in node.attribute}
-            for name, value in (("dilations", [1, 1]), ("strides", [1, 1]), ("pads", [0, 0, 0, 0])):
-                if name not in stated:
-                    node.attribute.append(onnx.helper.make_attribute(name, value))
-    return model
-
-
 def model_of(precision: str) -> bytes:
     """The bundled model with image in and keypoints, scores, descriptors and saliency out."""
     path, form = bundled_model(precision), Form(saliency=True)
     contract = replace(ElfRuntime(path).contract, detection=preset("fast"))
     whole = end_to_end(onnx.load(path), contract, form)
-    return stamped(spelled_out(whole), replace(contract, end_to_end=asdict(form)))
+    whole = for_webgpu(whole) if precision == "fp32" else whole
+    return stamped(whole, replace(contract, end_to_end=asdict(form)))
 
 
 def expected(model: bytes, images: list[np.ndarray]) -> dict[str, object]:

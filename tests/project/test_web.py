@@ -13,6 +13,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -113,7 +114,8 @@ def self_test(page: Page, address: str, **query: str) -> Any:
 def test_the_page_finds_python_s_keypoints(
     page: Page, address: str, site: Path, model: str, least: tuple[float, float, float]
 ) -> None:
-    found = self_test(page, address, model=f"vendor/{model}")
+    found = self_test(page, address, model=f"vendor/{model}", threads="2")
+    assert found["place"] == "WebAssembly, 2 threads"
     keypoints, matches = python_s(site, model)
     for wanted, there, share in zip(keypoints, found["keypoints"], least, strict=False):
         assert len(wanted) > 300
@@ -122,6 +124,42 @@ def test_the_page_finds_python_s_keypoints(
     assert len(matches) > 200
     assert near(matches, found["matches"], 0) >= least[2]
     assert found["isolated"]
+
+
+def test_webgpu_finds_what_webassembly_finds(address: str, tmp_path: Path) -> None:
+    """In Chromium's software GPU, slowly, so on a small picture."""
+    flags = ("--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader", "--enable-features=Vulkan")
+    query = f"{address}?selftest=1&size=192&image=vendor/palace.jpg&model=vendor/elf-fast-fp32.onnx"
+    found = []
+    with browser(tmp_path, *flags, patience=300) as page:
+        page.open(f"{query}&provider=wasm")
+        found.append(json.loads(page.wait(FOUND)))
+        if not page.ask("navigator.gpu && navigator.gpu.requestAdapter().then(Boolean)"):
+            pytest.skip("this Chromium has no WebGPU in software")
+        page.open(f"{query}&provider=webgpu")
+        found.append(json.loads(page.wait(FOUND)))
+    assert [there["place"].split(",")[0] for there in found] == ["WebAssembly", "WebGPU"]
+    (wanted,), (there,) = (there["keypoints"] for there in found)
+    assert len(wanted) > 10
+    assert near(wanted, there) >= 0.9
+
+
+def test_the_model_for_webgpu_has_the_same_values(site: Path) -> None:
+    onnx = pytest.importorskip("onnx")
+    from elf_export.end_to_end.build import Form, end_to_end
+    from elf_runtime import ElfRuntime, preset
+
+    contract = replace(ElfRuntime(bundled_model("fp32")).contract, detection=preset("fast"))
+    plain = end_to_end(onnx.load(bundled_model("fp32")), contract, Form(saliency=True))
+    image = cv2.imread(str(site / "vendor" / "palace.jpg"))[None]
+    options = ort.SessionOptions()
+    options.log_severity_level = 3
+    found = [
+        ort.InferenceSession(model, options, providers=["CPUExecutionProvider"]).run(None, {"image": image})
+        for model in (plain.SerializeToString(), (site / "vendor" / "elf-fast-fp32.onnx").read_bytes())
+    ]
+    for wanted, there in zip(*found, strict=True):
+        np.testing.assert_allclose(there, wanted, atol=1e-3 * np.abs(wanted).max())
 
 
 def test_the_bundled_model_in_8_bits_is_what_webassembly_gets(page: Page, address: str) -> None:
@@ -213,7 +251,7 @@ def test_a_page_without_its_files_says_so(page: Page, tmp_path: Path) -> None:
     with served(copied(tmp_path), "serve.py", "0") as address:
         page.open(f"{address}?provider=wasm")
         told = page.wait(ERROR)
-    assert told == 'vendor/elf-fast-int8.onnx can\'t be loaded (404): run "npm run vendor" in web/'
+    assert told == 'vendor/elf-fast-int8.onnx can\'t be loaded (404): "make web" puts there what the page needs'
 
 
 @pytest.mark.parametrize("ratio", [1.0, 0.8])
