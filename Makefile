@@ -1,6 +1,7 @@
 # make demo    keypoints and matches on a photograph, with the bundled model
 # make test    lint, types, the documentation and all tests
 # make docs    the documentation as a site, in out/site
+# make web     the page of web/, with all that it loads
 # Both do all the set-up, from nothing but Python and pip.  The runtime's environment has no PyTorch.
 PYTHON ?= python3
 PIP = -m pip install --quiet --disable-pip-version-check
@@ -14,7 +15,7 @@ DOCS = .venv/docs
 # A worker per core; each is busy by itself, so torch's own threads would only wait for one another.
 PYTEST = -m pytest -q --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: demo test test-runtime test-lowest test-newest test-full lint docs bench mutants models release-check clean
+.PHONY: web demo test test-runtime test-lowest test-newest test-full lint docs bench mutants models release-check clean
 
 demo: $(RUNTIME)/ready
 	$(RUNTIME)/bin/elf-detect demo/palace.jpg -o out
@@ -51,6 +52,12 @@ lint: $(FULL)/ready
 docs: $(DOCS)/ready
 	NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs build --strict
 	@echo "Open out/site/index.html"
+
+# The page of web/ with all that it loads; needs npm.
+web: $(FULL)/ready
+	cd web && npm install --no-fund --no-audit
+	$(FULL)/bin/python web/vendor.py
+	@echo "python web/serve.py, then open http://localhost:8000/"
 
 bench: $(FULL)/ready
 	$(FULL)/bin/python benchmarks/latency.py

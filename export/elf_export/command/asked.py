@@ -81,7 +81,7 @@ def form_of(args: argparse.Namespace) -> Form | None:
         return None
     pixels = "float32" if "float32" in args.end_to_end else "uint8"
     color = "rgb" if "rgb" in args.end_to_end else "bgr"
-    return Form(pixels, color, "batch" in args.end_to_end, args.rounds)
+    return Form(pixels, color, "batch" in args.end_to_end, args.rounds, "saliency" in args.end_to_end)
 
 
 def layers_of(text: str | None) -> list[str] | None:

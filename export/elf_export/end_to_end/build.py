@@ -36,12 +36,15 @@ class Form:
         Several images of one size at once; outputs are padded.
     rounds : int
         Of the suppression, unrolled, with the same window for small images too; 0 is a Loop of as many as are needed.
+    saliency : bool
+        The network's saliency map as a last output, at the working size.
     """
 
     pixels: str = "uint8"
     color: str = "bgr"
     batch: bool = False
     rounds: int = 0
+    saliency: bool = False
 
     def __post_init__(self) -> None:
         if self.pixels not in PIXELS:
@@ -54,12 +57,12 @@ class Form:
     def words(self) -> list[str]:
         """The options of the command that ask for it."""
         kinds = [self.pixels] * (self.pixels != PIXELS[0]) + [self.color] * (self.color != COLORS[0])
-        kinds += ["batch"] * self.batch
+        kinds += ["batch"] * self.batch + ["saliency"] * self.saliency
         return ["--end-to-end", *kinds] + (["--rounds", str(self.rounds)] if self.rounds else [])
 
     @property
     def outputs(self) -> tuple[tuple[str, int, list[str | int]], ...]:
-        """Name, element type and shape of each output but the descriptors."""
+        """Name, element type and shape of each output but descriptors and saliency."""
         if self.batch:
             return (
                 ("keypoints", FLOAT, ["N", "M", 2]), ("scores", FLOAT, ["N", "M"]), ("counts", INT64, ["N"]),
@@ -103,6 +106,7 @@ def end_to_end(model: onnx.ModelProto, contract: ModelContract, form: Form = For
         Outputs: ``keypoints`` (K, 2) float32, x and y in pixels of the image, ``scores`` (K,) float32, descending, and
         ``descriptors`` (K, D) float32 of unit length, where the model has a descriptor, its first.  With batches
         (N, M, 2), (N, M), (N, M, D), M being ``max_keypoints``, zeros behind the ``counts`` (N,) int64 of each image.
+        If the form has it, ``saliency`` (N, h, w) float32 too, as the network gives it at the working size.
 
     Raises
     ------
@@ -184,5 +188,7 @@ def _signature(graph: Graph, contract: ModelContract, spec: DescriptorSpec | Non
     outputs = list(form.outputs)
     if spec is not None:
         outputs.append(("descriptors", FLOAT, [*outputs[0][2][:-1], spec.dim]))
+    if form.saliency:
+        outputs.append((contract.saliency_output, FLOAT, ["N" if form.batch else 1, "h", "w"]))
     graph.set_outputs([helper.make_tensor_value_info(*output) for output in outputs])
     graph.reindex()

@@ -195,7 +195,10 @@ def test_the_command_makes_a_file_that_says_what_it_is(
     with pytest.raises(ContractError, match="gives keypoints itself: run it by ONNX Runtime alone"):
         ElfRuntime(tmp_path / "e.onnx")
     metadata = {prop.key: prop.value for prop in onnx.load(tmp_path / "e.onnx").metadata_props}
-    assert metadata["elf.end_to_end"] == '{"batch": false, "color": "bgr", "pixels": "uint8", "rounds": 0}'
+    assert (
+        metadata["elf.end_to_end"]
+        == '{"batch": false, "color": "bgr", "pixels": "uint8", "rounds": 0, "saliency": false}'
+    )
     assert "--end-to-end" in metadata["elf.command"]
     found = ort.InferenceSession(tmp_path / "e.onnx", QUIET).run(None, {"image": IMAGES["textured"][None]})
     assert len(found[0]) > 10
