@@ -10,6 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError, SettingError, printable, reason
 from elf_runtime.image.exif import focal_length_px
@@ -53,6 +56,7 @@ def build_parser() -> Parser:
     add_json(parser, "the poses")
     options.add_quiet(parser)
     options.add_max_pixels_option(parser)
+    options.add_mask(parser)
     add_calibration_options(parser.add_argument_group("camera"))
     options.add_model_options(parser)
     return parser
@@ -73,16 +77,20 @@ class _Scene:
 
 def _work(args: argparse.Namespace) -> int:
     paths = list(image_files(args.images))
-    check_outputs({"--json": [args.json]}, {"an input image": paths, "the model": [args.model]})
+    check_outputs(
+        {"--json": [args.json]}, {"an input image": paths, "the model": [args.model], "the mask": [args.mask]}
+    )
     args.calibration = read_calibration(args)
     scene = _read_scene(args.scene)
     check_first(args.calibration, paths[0])
     elf = _open_model(args, scene.record)
+    args.ignore_exif = True  # of the mask, as of the images
+    mask = options.read_mask(args)
     stream = sys.stderr if args.json == "-" else None
     results: list[dict[str, Any]] = []
     for path in paths:
         try:
-            found = _localized(elf, scene, path, args)
+            found = _localized(elf, scene, path, args, mask)
         except SettingError:  # the same for all
             raise
         except (ElfError, OSError) as error:
@@ -119,7 +127,7 @@ def _read_scene(folder: Path) -> _Scene:
 def _open_model(args: argparse.Namespace, record: Mapping[str, Any]) -> ElfRuntime:
     """The model of the scene's features, or the one given, which must be the same."""
     name = args.model or (record["model"] if record["model"] != "bundled" else None)
-    elf = ElfRuntime(name, providers=args.provider, threads=args.threads, max_pixels=args.max_pixels)
+    elf = ElfRuntime(name, providers=options.provider(args), threads=args.threads, max_pixels=args.max_pixels)
     if elf.sha256 != record["model_sha256"]:
         raise ElfError(
             f"{args.scene}: its features are of another model ({record['model']}, SHA-256 {record['model_sha256'][:12]}"
@@ -128,11 +136,13 @@ def _open_model(args: argparse.Namespace, record: Mapping[str, Any]) -> ElfRunti
     return elf
 
 
-def _localized(elf: ElfRuntime, scene: _Scene, path: Path, args: argparse.Namespace) -> Localization | None:
+def _localized(
+    elf: ElfRuntime, scene: _Scene, path: Path, args: argparse.Namespace, mask: npt.NDArray[np.bool_] | None
+) -> Localization | None:
     pixels = read(path, ignore_exif=True, max_pixels=args.max_pixels)
     params = DetectionParams.from_dict(scene.record["settings"])
     with image_errors(path):
-        features = elf.detect(pixels, params=params, descriptor=scene.record["descriptor"])
+        features = elf.detect(pixels, mask=mask, params=params, descriptor=scene.record["descriptor"])
     camera = _camera(scene.model, path, features.image_size, args.calibration)
     return localize(scene.model, scene.features, features, camera, ratio=scene.record["ratio"])
 

@@ -184,6 +184,19 @@ def test_a_new_image_is_localised(
     assert found["camera"]["params"][0] == pytest.approx(FOCAL, rel=1e-6 if known else 0.03)
 
 
+def test_a_mask_holds_what_is_localised_by(new: View, scene: Path, tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "new.png"), new.image)
+    inliers = []
+    for share in (1.0, 0.5):
+        mask = np.zeros(new.image.shape[:2], np.uint8)
+        mask[:, : round(share * mask.shape[1])] = 255
+        cv2.imwrite(str(tmp_path / "mask.png"), mask)
+        words = (scene, tmp_path / "new.png", "--mask", tmp_path / "mask.png", "--json", tmp_path / "poses.json")
+        assert run(localize, *words) == 0
+        inliers.append(json.loads((tmp_path / "poses.json").read_text())["images"][0]["inliers"])
+    assert 50 < inliers[1] < 0.8 * inliers[0]
+
+
 def test_an_image_of_another_scene_has_no_place_in_this_one(
     scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
