@@ -21,7 +21,7 @@ from .method import Method
 CODE = (
     *("elf_eval.methods.elf", "elf_eval.features", "elf_runtime.contract", "elf_runtime.params", "elf_runtime.presets"),
     *("elf_runtime.values", "elf_runtime.image", "elf_runtime.model", "elf_runtime.engine", "elf_runtime.detection"),
-    *("elf_runtime.results.features", "elf_runtime.results.trace"),
+    *("elf_runtime.entropy", "elf_runtime.results.features", "elf_runtime.results.trace"),
 )
 
 

@@ -22,7 +22,7 @@ from .method import Method
 
 CODE = (
     *("elf_eval.methods.gradient", "elf_eval.features", "elf_runtime.params", "elf_runtime.presets"),
-    "elf_runtime.values",
+    *("elf_runtime.values", "elf_runtime.entropy"),
     *("elf_runtime.detection.nms", "elf_runtime.detection.threshold"),
 )
 
