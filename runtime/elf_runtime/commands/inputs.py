@@ -124,11 +124,15 @@ def settled(path: Path, name: Path, output: Path) -> Path:
     """
     short, long = name.with_name(name.name.removesuffix(path.suffix)), _with_ending(name, path)
     real_path = os.path.realpath(path)
-    owners = {stem: (load_record(Path(f"{output / stem}.npz")) or {}).get("image") for stem in (short, long)}
-    for stem, owner in owners.items():
-        if owner == real_path:
-            return stem
-    owner = owners[short]
+
+    def owner_of(stem: Path) -> object:
+        return (load_record(Path(f"{output / stem}.npz")) or {}).get("image")
+
+    owner = owner_of(short)
+    if owner == real_path:  # most often: the other file is not opened then
+        return short
+    if owner_of(long) == real_path:
+        return long
     beside = isinstance(owner, str) and os.path.dirname(owner) == os.path.dirname(real_path)
     return long if beside else name
 

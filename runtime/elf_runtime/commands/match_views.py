@@ -18,7 +18,7 @@ from elf_runtime.errors import ElfError, SettingError
 from elf_runtime.image.exif import focal_length_px
 from elf_runtime.image.file import ImageFile, image_errors, read
 from elf_runtime.results.features import Features, load_record
-from elf_runtime.results.global_descriptor import global_descriptor, nearest
+from elf_runtime.results.global_descriptor import global_descriptor, nearest, nearest_pairs
 
 from . import options
 from .command import UsageError, text_of
@@ -219,11 +219,10 @@ class Views:
         if not pooled or (query and 0 not in pooled):
             return []
         places = list(pooled)
-        order = nearest(np.stack(list(pooled.values())), count)
+        rows = np.stack(list(pooled.values()))
         if query:
-            return [(0, places[j]) for j in order[0]]
-        chosen = [(i, places[j]) for i, near in zip(places, order, strict=True) for j in near]
-        return sorted({(min(pair), max(pair)) for pair in chosen})
+            return [(0, places[j]) for j in nearest(rows, count)[0]]
+        return [(places[i], places[j]) for i, j in nearest_pairs(rows, count)]
 
     def _agreed(self) -> dict[str, Any]:
         """Where the features come from, all of them; what their records differ in is refused or said."""

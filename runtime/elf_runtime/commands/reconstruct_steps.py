@@ -25,7 +25,7 @@ from elf_runtime.reconstruction.mapping import map_database
 from elf_runtime.reconstruction.model import Model, Pose
 from elf_runtime.reconstruction.pairs import Pair, exhaustive, sequential
 from elf_runtime.results.features import Features
-from elf_runtime.results.global_descriptor import global_descriptor, nearest
+from elf_runtime.results.global_descriptor import global_descriptor, nearest_pairs
 from elf_runtime.results.matches import Matches
 
 from . import command, options
@@ -120,9 +120,8 @@ class Steps:
             pairs = [(_name(a, self._args.folder), _name(b, self._args.folder)) for a, b in listed]
             return [pair for pair in pairs if all(name in found for name in pair)]
         if choice.kind == "nearest":
-            near = nearest(np.stack([global_descriptor(features) for features in found.values()]), choice.count)
-            chosen = {(min(i, int(j)), max(i, int(j))) for i, row in enumerate(near) for j in row}
-            return [(names[i], names[j]) for i, j in sorted(chosen)]
+            pooled = np.stack([global_descriptor(features) for features in found.values()])
+            return [(names[i], names[j]) for i, j in nearest_pairs(pooled, choice.count)]
         return sequential(names, choice.count) if choice.kind == "sequential" else exhaustive(names)
 
     def _cameras(self, found: Mapping[str, Features]) -> dict[str, Camera]:

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy.typing as npt
 
-import elf_runtime
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.errors import ElfError, printable
+from elf_runtime.errors import ElfError
 from elf_runtime.params import DetectionParams
 from elf_runtime.pictures.explanation import draw_explanation
 from elf_runtime.pictures.file import short_name, write_picture
@@ -24,6 +23,7 @@ from elf_runtime.results.features import load_record
 from elf_runtime.results.files.npz import is_torn
 
 from .frames import Frame
+from .outcome import detected, failure, record_of_image
 from .room import Room, memory_needed
 
 _ENDS_ALL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)  # no image can be written any more
@@ -66,15 +66,13 @@ class Extractor:
         except (ElfError, OSError) as error:
             if isinstance(error, OSError) and error.errno in _ENDS_ALL:
                 raise
-            told = str(error).startswith(printable(f"{frame.name}:"))
-            return {**frame.told(), "error": str(error) if told else f"{frame.name}: {error}"}
+            return failure(frame, error)
 
     def _extract(self, frame: Frame) -> dict[str, Any]:
         start = time.perf_counter()
         files = [f"{frame.stem}.{ending}" for ending in self.endings]
         image = frame.open(self.max_pixels)
-        record = {**self.record, **frame.identity(), "image_sha256": image.sha256}
-        record["elf-onnx"] = elf_runtime.__version__
+        record = record_of_image(self.record, frame, image)
         if self._existing(record, files):
             self._written[files[0]] = record["image"]
             return {**frame.told(), "files": files, "skipped": True}
@@ -97,16 +95,7 @@ class Extractor:
         if "explain.png" in self.endings:
             sheet = draw_explanation(pixels, trace, short_name(frame.name))
             write_picture(Path(f"{frame.stem}.explain.png"), sheet)
-        return {
-            **frame.told(),
-            "files": files,
-            "size": list(trace.features.image_size),
-            "keypoints": len(trace.features),
-            "passed": float(trace.mask.mean()),
-            "seconds": seconds,
-            "stages": trace.seconds | {"read": read},
-            "skipped": False,
-        }
+        return detected(frame, files, trace, seconds, read)
 
     def _existing(self, record: Mapping[str, Any], files: Sequence[str]) -> bool:
         """Whether the files are there and need not be made again.

@@ -20,11 +20,12 @@ import numpy.typing as npt
 
 import elf_runtime
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.errors import ElfError, printable
+from elf_runtime.errors import ElfError
 from elf_runtime.params import DetectionParams
 from elf_runtime.results.features import Features
 
 from .frames import Opened, Still
+from .outcome import detected, failure, record_of_image
 from .overlap import overlapped
 from .remote import Remote
 from .shards import digest, write_shard
@@ -115,32 +116,22 @@ def _result(
 ) -> dict[str, Any]:
     """What became of an image, whose features come into `rows`."""
     name = frame.stem.as_posix()
-    told = {**frame.told(), "name": name}
     try:
         if isinstance(image, ElfError):
             raise image
         start = time.perf_counter()
-        record = {**job.record, **frame.identity(), "image_sha256": image.sha256, "elf-onnx": elf_runtime.__version__}
+        record = record_of_image(job.record, frame, image)
         for shard, there in task.known.get(name, {}).items():
             if there == digest(record):
-                return {**told, "files": [job.store.url(shard)], "skipped": True}
+                return {**frame.told(), "name": name, "files": [job.store.url(shard)], "skipped": True}
         pixels = image.decoded(job.ignore_exif)
         read = time.perf_counter() - start
         trace = job.elf.trace(pixels, mask=job.mask, params=job.params, descriptor=job.descriptor)
     except (ElfError, OSError) as error:
-        named = str(error).startswith(printable(f"{frame.name}:"))
-        return {**told, "error": str(error) if named else f"{frame.name}: {error}"}
+        return failure(frame, error) | {"name": name}
     rows[name] = replace(trace.features, record=record)
-    return {
-        **told,
-        "files": [job.store.url(task.shard)],
-        "size": list(trace.features.image_size),
-        "keypoints": len(trace.features),
-        "passed": float(trace.mask.mean()),
-        "seconds": time.perf_counter() - start,
-        "stages": trace.seconds | {"read": read},
-        "skipped": False,
-    }
+    found = detected(frame, [job.store.url(task.shard)], trace, time.perf_counter() - start, read)
+    return found | {"name": name}
 
 
 class _Notes:

@@ -74,6 +74,12 @@ def _product(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> npt.NDAr
     return np.asarray(cv2.gemm(np.ascontiguousarray(a), np.ascontiguousarray(b), 1.0, None, 0.0))
 
 
+def nearest_pairs(pooled: npt.NDArray[np.floating], count: int) -> list[tuple[int, int]]:
+    """The pairs, in order, of each image with its `nearest`; one that both choose comes once, the lower index first."""
+    near = enumerate(nearest(pooled, count))
+    return sorted({(min(i, j), max(i, j)) for i, row in near for j in row.tolist()})
+
+
 def nearest(pooled: npt.NDArray[np.floating], count: int) -> list[npt.NDArray[np.int64]]:
     """For each image the others that are most like it, the likest first.
 
