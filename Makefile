@@ -1,6 +1,7 @@
 # make demo    keypoints and matches on a photograph, with the bundled model
 # make test    lint, types, the documentation and all tests
 # make docs    the documentation as a site, in out/site
+# make lean    the runtime's wheel without exporter, evaluation and fp32 model, in out/lean
 # make web     the page of web/, with all that it loads
 # Both do all the set-up, from nothing but Python and pip.  The runtime's environment has no PyTorch.
 PYTHON ?= python3
@@ -15,7 +16,7 @@ DOCS = .venv/docs
 # A worker per core; each is busy by itself, so torch's own threads would only wait for one another.
 PYTEST = -m pytest -q --numprocesses auto --maxprocesses 4 --dist worksteal
 
-.PHONY: web demo test test-runtime test-lowest test-newest test-full lint docs bench mutants models release-check clean
+.PHONY: web lean demo test test-runtime test-lowest test-newest test-full lint docs bench mutants models release-check clean
 
 demo: $(RUNTIME)/ready
 	$(RUNTIME)/bin/elf-detect demo/palace.jpg -o out
@@ -76,6 +77,12 @@ release-check: $(RELEASE)/ready
 	$(RELEASE)/bin/python -m build
 	$(RELEASE)/bin/twine check --strict dist/*
 	$(RELEASE)/bin/python tools/check_release.py dist
+
+# docs/install.md says what it is for.
+lean: $(RELEASE)/ready
+	rm -rf out/lean
+	$(RELEASE)/bin/python -m build --wheel --outdir out/lean/whole
+	$(RELEASE)/bin/python tools/lean_wheel.py out/lean/whole/*.whl -o out/lean
 
 $(RUNTIME)/ready: pyproject.toml constraints.txt
 	@echo "Setting up $(RUNTIME), once"

@@ -12,6 +12,7 @@ from typing import Any
 import cv2
 
 from elf_runtime.engine import ElfRuntime
+from elf_runtime.errors import ModelError
 from elf_runtime.image import read
 from elf_runtime.params import setting_text
 from elf_runtime.pictures.file import write_picture
@@ -165,7 +166,12 @@ def _work(args: argparse.Namespace) -> int:
 
 def _torch(args: argparse.Namespace) -> tuple[Callable[[Image], Any] | None, ElfRuntime | None, str]:
     """The saliency in torch, the model that has the same weights where it is another, and a note on torch."""
-    file = float_model(args.model, args.torch_model)
+    try:
+        file = float_model(args.model, args.torch_model)
+    except ModelError as error:  # the lean wheel has no model in fp32
+        if args.peers:
+            raise
+        return None, None, str(error)
     saliency, note = torch_peer(file, args.threads)
     if saliency is None and args.peers:
         raise UsageError(f"--peers torch: {note}")

@@ -23,7 +23,7 @@ def read_bundled(precision: str = "fp32") -> tuple[bytes, str]:
     Raises
     ------
     ModelError
-        If it is not where the package is: a program was frozen or packed without it.
+        If it is not where the package is: a program was frozen or packed without it, or the wheel is a lean one.
     """
     name = BUNDLED[precision]
     try:
@@ -35,9 +35,10 @@ def read_bundled(precision: str = "fp32") -> tuple[bytes, str]:
         except OSError:
             data = None
     if data is None:
+        lean = "The lean wheel has the one in int8 alone. " if precision == "fp32" else ""
         raise ModelError(
-            f"the bundled model {name} is missing where elf_runtime is imported from. If this program was frozen or "
-            "packed, put the package's data files into it (PyInstaller: --collect-data elf_runtime), or give "
+            f"the bundled model {name} is missing where elf_runtime is imported from. {lean}If this program was frozen "
+            "or packed, put the package's data files into it (PyInstaller: --collect-data elf_runtime), or give "
             "ElfRuntime a model file"
         )
     return data, f"<elf_runtime>/models/{name}"
