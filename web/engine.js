@@ -64,7 +64,7 @@ export class Engine {
 // An engine with a model: `wanted` is "auto", "webgpu" or "wasm", `own` a model {name, bytes} in place of the page's.
 // With "auto" what WebGPU refuses runs in WebAssembly, and `refused` says why.
 export async function startEngine(wanted, own, threads = threadsHere()) {
-  // Only the page's own models are written so that WebGPU computes them rightly: see webgpu.py.
+  // A model of one's own may have 8 bits, or be of an exporter whose files WebGPU computes wrongly.
   const provider = wanted === "auto" ? (!own && (await hasGpu()) ? "webgpu" : "wasm") : wanted;
   const url = MODELS[provider];
   const name = own ? own.name : url.split("/").pop();

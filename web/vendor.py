@@ -17,7 +17,6 @@ import cv2
 import numpy as np
 import onnx
 import onnxruntime
-from webgpu import for_webgpu
 
 from elf_export.end_to_end.build import Form, end_to_end
 from elf_export.file import stamped
@@ -38,7 +37,6 @@ def model_of(precision: str) -> bytes:
     path, form = bundled_model(precision), Form(saliency=True)
     contract = replace(ElfRuntime(path).contract, detection=preset("fast"))
     whole = end_to_end(onnx.load(path), contract, form)
-    whole = for_webgpu(whole) if precision == "fp32" else whole
     return stamped(whole, replace(contract, end_to_end=asdict(form)))
 
 

@@ -25,7 +25,8 @@ from .descriptors.projection import Projection
 from .descriptors.reduce import reduce_descriptors
 from .end_to_end.build import Form, end_to_end
 from .file import stamped, write
-from .graph.passes import opset_of, require_opset
+from .graph.graph import Graph
+from .graph.passes import opset_of, portable_forms, require_opset
 from .graph.receptive_field import stated
 from .graph.sizes import Sizes
 from .precision.lower import lower
@@ -79,6 +80,7 @@ def export(request: Request, log: Log = lambda _: None) -> ExportResult:
         if request.precision != "fp32":
             log(f"making {request.precision} of it ...")
         model, contract, lowered = lower(graph.model, contract, request.precision, images, log)
+        model = portable_forms(Graph(model)).model
         require_usable(model, contract, graph.sizes)
         model, contract, alone = with_post_processing(model, contract, request.end_to_end, images, log)
         path = Path(sources.request.output or "")

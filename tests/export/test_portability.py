@@ -18,9 +18,9 @@ from seeded import seeded_weights
 # Run by TensorRT (8.6 and later, opsets 9 to 20) and by the CUDA provider, for float32.
 BOTH = {
     "Abs", "Add", "AveragePool", "BatchNormalization", "Cast", "Clip", "Concat", "Constant", "Conv", "ConvTranspose",
-    "DepthToSpace", "Div", "Expand", "Gather", "GlobalAveragePool", "Greater", "HardSigmoid", "HardSwish", "LRN",
-    "LeakyRelu", "Max", "MaxPool", "Mul", "Pad", "Pow", "ReduceMean", "ReduceProd", "ReduceSum", "Relu", "Reshape",
-    "Resize", "Round", "Shape", "Sign", "Slice", "Sqrt", "Squeeze", "Sub", "Sum", "Transpose", "Where",
+    "DepthToSpace", "Div", "Expand", "Floor", "Gather", "GlobalAveragePool", "Greater", "HardSigmoid", "HardSwish",
+    "LRN", "LeakyRelu", "Max", "MaxPool", "Mul", "Pad", "Pow", "ReduceMean", "ReduceProd", "ReduceSum", "Relu",
+    "Reshape", "Resize", "Round", "Shape", "Sign", "Slice", "Sqrt", "Squeeze", "Sub", "Sum", "Transpose", "Where",
 }  # fmt: skip
 # Input index that must be an initializer, for TensorRT.
 CONSTANT_INPUTS = {"Conv": [1], "ConvTranspose": [1], "Slice": [3], "ReduceSum": [1], "Squeeze": [1], "Resize": [2]}

@@ -11,6 +11,7 @@ from onnx import TensorProto, helper
 
 from elf_export.errors import ExportError
 from elf_export.graph.graph import Graph
+from elf_export.graph.passes import portable_forms
 from elf_runtime import DescriptorSpec, ModelContract
 
 from .emit import FLOAT, INT64, Emit, Value, f32, i64
@@ -125,6 +126,7 @@ def end_to_end(model: onnx.ModelProto, contract: ModelContract, form: Form = For
     (_of_batch if form.batch else _of_image)(graph, working, contract, spec, form)
     _signature(graph, contract, spec, form)
     graph.prune()
+    portable_forms(graph)
     onnx.checker.check_model(graph.model)
     return graph.model
 
