@@ -22,7 +22,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work(args: argparse.Namespace) -> int:
         check(args, p.error)
-        _need_onnx("--match" if args.match else "--net" if args.onnx is None else "--onnx")
+        _need_onnx(next((f"--{name}" for name in ("match", "elf", "onnx") if getattr(args, name)), "--net"))
         (_match if args.match else _list if args.list else _export)(args)
         return 0
 
@@ -47,8 +47,10 @@ def _need_onnx(option: str) -> None:
 def _export(args: argparse.Namespace) -> None:
     from elf_export.pipeline import export
 
+    from .command.finished import finished
+
     log: Log = _silent if args.quiet else print
-    result = export(request_of(args), log)
+    result = finished(args, log) if args.elf else export(request_of(args), log)
     size, contract = result.path.stat().st_size / 1e6, result.contract
     described = ", ".join(d.layer for d in contract.descriptors) or "none"
     made = f"{contract.network} {contract.layer}, descriptors {described}"

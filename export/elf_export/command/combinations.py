@@ -9,7 +9,10 @@ from .asked import layers_of
 from .options import parser
 
 ONLY_WITH_NET = ("weights", "preprocess")
-OF_THE_MATCHING = ("match", "output", "force", "quiet")
+ALONE = {  # what goes with an option that makes a file of no network, or of a model that is there; and why no more does
+    "match": (("output", "force", "quiet"), "--match makes a file that no network is in"),
+    "elf": (("end_to_end", "rounds", "set", "output", "force", "quiet"), "--elf takes an ELF model as it is"),
+}
 OF_NAMED_NETWORKS = ("offline", "desc_weights")  # with --net, or --desc NET:LAYER
 ONLY_WITH_ONNX = ("input", "color", "mean", "std", "scale", "standardize")
 
@@ -20,11 +23,14 @@ def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
     def given(name: str) -> bool:
         return getattr(args, name) not in (None, False)
 
-    if args.match:
-        plain = vars(parser().parse_args(["--match"]))
+    for alone in filter(given, ALONE):
+        others, why = ALONE[alone]
+        plain = vars(parser().parse_args([]))
         for name in (name for name, value in vars(args).items() if value != plain[name]):
-            if name not in OF_THE_MATCHING:
-                fail(f"--match makes a file that no network is in; --{name.replace('_', '-')} does not go with it")
+            if name not in (alone, *others):
+                fail(f"{why}; --{name.replace('_', '-')} does not go with it")
+        if alone == "elf" and args.end_to_end is None:
+            fail("--elf needs --end-to-end, which is what is added to the model")
         return
     if args.net is not None and args.onnx is not None:
         fail("--net and --onnx exclude each other: a network of ours, or a model of yours")
@@ -68,7 +74,7 @@ def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
     if args.list:
         return
     if args.net is None and args.onnx is None:
-        fail("--net or --onnx is required (--list shows the networks)")
+        fail("--net or --onnx is required (--list shows the networks), or --elf")
     if args.onnx is not None:
         if args.layer is None:
             fail("--onnx needs --layer (--list shows the layers)")

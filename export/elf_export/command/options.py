@@ -126,7 +126,14 @@ def _file(p: argparse.ArgumentParser) -> None:
         help="make the matching instead, for the descriptors of --end-to-end: mutual nearest neighbours with a ratio "
         "test, in a small file of its own",
     )  # fmt: skip
-    p.add_argument("--output", "-o", metavar="FILE", help="default: elf-NET-LAYER.onnx, or elf-match.onnx")
+    p.add_argument(
+        "--elf", metavar="FILE",
+        help="an ELF model that is there, or int8 or fp32 for the bundled one: --end-to-end is put into it, without "
+        "PyTorch",
+    )  # fmt: skip
+    p.add_argument(
+        "--output", "-o", metavar="FILE", help="default: elf-NET-LAYER.onnx, elf-match.onnx or elf-alone.onnx"
+    )
     p.add_argument("--opset", type=int, metavar="N", help="ONNX opset of the file, 11 to 20 (default: 17; with "
                    "--onnx the model's own, if it is one of these)")  # fmt: skip
     p.add_argument("--force", action="store_true", help="overwrite an existing file")
