@@ -13,6 +13,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 TINY = Path(__file__).parent / "data" / "tiny.onnx"
+TINY_ALONE = TINY.with_name("tiny-alone.onnx")
 
 
 def shared(*parts: str) -> Path:

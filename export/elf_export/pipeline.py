@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import onnx
@@ -184,7 +184,8 @@ def with_post_processing(
     whole = end_to_end(model, contract, form)
     check = compare_alone(whole, stamped(model, contract), form, images)
     require(check, log)
-    return whole, replace(contract, end_to_end=asdict(form), parity={**contract.parity, **check.figures()}), (check,)
+    parity, first = {**contract.parity, **check.figures()}, contract.descriptors[:1]
+    return whole, replace(contract, end_to_end=form.spec, descriptors=first, parity=parity), (check,)
 
 
 def contract_of(

@@ -1,4 +1,5 @@
-"""Writes tiny.onnx: an ELF model of two convolutions with seeded random weights, for tests.
+"""Writes tiny.onnx: an ELF model of two convolutions with seeded random weights, for tests; and tiny-alone.onnx, which
+gives its keypoints, and its saliency, by itself.
 
     conv1 (3x3, 3 -> 8) - relu1 - pool1 (2x2 max) - conv2 (3x3, 8 -> 8) - relu2
 
@@ -10,12 +11,15 @@ export half; run it from the project's root:
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
+from elf_export.end_to_end.build import Form, end_to_end
 from elf_export.preprocessing import Preprocessing
 from elf_export.saliency import build_saliency, descriptor_output
 from elf_runtime import DescriptorSpec, ModelContract, WeightsSpec
@@ -81,6 +85,18 @@ def tiny() -> onnx.ModelProto:
     return model
 
 
+def alone(**kinds: Any) -> onnx.ModelProto:
+    """The model with image in and keypoints out, in a `Form` of these kinds."""
+    model, form = tiny(), Form(**kinds)
+    contract = ModelContract.from_metadata({entry.key: entry.value for entry in model.metadata_props}, "tiny")
+    found = end_to_end(model, contract, form)
+    contract = replace(contract, descriptors=contract.descriptors[:1], end_to_end=form.spec)
+    del found.metadata_props[:]
+    onnx.helper.set_model_props(found, contract.to_metadata())
+    return found
+
+
 if __name__ == "__main__":
     onnx.save(tiny(), PATH)
+    onnx.save(alone(saliency=True), PATH.with_name("tiny-alone.onnx"))
     print(f"{PATH}: {PATH.stat().st_size} bytes")

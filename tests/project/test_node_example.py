@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -44,7 +44,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     contract = ElfRuntime(bundled_model("fp32")).contract
     for name, form in (("alone.onnx", Form()), ("floats.onnx", Form("float32")), ("batch.onnx", Form(batch=True))):
         whole = end_to_end(onnx.load(bundled_model("fp32")), contract, form)
-        (folder / name).write_bytes(stamped(whole, replace(contract, end_to_end=asdict(form))))
+        (folder / name).write_bytes(stamped(whole, replace(contract, end_to_end=form.spec)))
     assert main(["--match", "-o", str(folder / "match.onnx"), "--quiet"]) == 0
     picture = cv2.imread(str(ROOT / "demo" / "palace.jpg"))[100:340, 150:470]
     cv2.imwrite(str(folder / "first.png"), picture)

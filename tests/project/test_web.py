@@ -6,7 +6,6 @@ Its packages are looked for in web/node_modules; ``$ELF_NODE_MODULES`` may name 
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -21,7 +20,7 @@ import pytest
 from elf_runtime import match
 from elf_runtime.model import bundled_model
 from project.chromium import BROWSER, Page, browser
-from project.web_site import FOUND, WEB, copied, near, python_s, self_test, served
+from project.web_site import FOUND, WEB, copied, near, python_s, self_test, served, whole_site
 
 STATUS = "document.querySelector('#status').textContent"
 ERROR = "document.querySelector('#error').textContent"
@@ -32,14 +31,7 @@ pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium to open the
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page with all that `vendor.py` puts beside it."""
-    pytest.importorskip("onnx")
-    modules = Path(os.environ.get("ELF_NODE_MODULES", WEB / "node_modules"))
-    if not (modules / "onnxruntime-web").is_dir():
-        pytest.skip("npm's onnxruntime-web is not installed (npm install in web)")
-    folder = copied(tmp_path_factory.mktemp("site"))
-    command = [sys.executable, str(WEB / "vendor.py"), str(modules), str(folder / "vendor")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    folder = whole_site(tmp_path_factory.mktemp("site"))
     shutil.copy(bundled_model(), folder / "maps.onnx")
     return folder
 

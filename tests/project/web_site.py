@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -16,6 +17,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import onnxruntime as ort
+import pytest
 
 from elf_runtime import match
 from helpers import ROOT
@@ -29,6 +31,18 @@ def copied(folder: Path) -> Path:
     for path in WEB.iterdir():
         if path.suffix in {".html", ".css", ".js", ".py"}:
             shutil.copy(path, folder)
+    return folder
+
+
+def whole_site(folder: Path) -> Path:
+    """The page with all that `vendor.py` puts beside it; skips where its packages are not installed."""
+    pytest.importorskip("onnx")
+    modules = Path(os.environ.get("ELF_NODE_MODULES", WEB / "node_modules"))
+    if not (modules / "onnxruntime-web").is_dir():
+        pytest.skip("npm's onnxruntime-web is not installed (npm install in web)")
+    command = [sys.executable, str(WEB / "vendor.py"), str(modules), str(copied(folder) / "vendor")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
     return folder
 
 

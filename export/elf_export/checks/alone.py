@@ -13,7 +13,7 @@ import onnx
 import onnxruntime as ort
 
 from elf_export.calibration import CalibrationSet
-from elf_export.end_to_end.build import Form
+from elf_export.end_to_end.build import Form, inputs_of
 from elf_export.errors import VerificationError
 from elf_runtime import ElfRuntime, Features
 from elf_runtime.errors import first_line
@@ -116,6 +116,8 @@ def _row(
     """Keypoints, how many are near, whether there are as many, the least cosine, and the ratio of the times."""
     given = image if form.color == "bgr" else image[:, :, ::-1]
     feed = {"image": given[None].astype(form.pixels)} | ({} if mask is None else {"mask": mask})
+    if form.required:
+        feed = inputs_of(elf.contract.detection) | feed
     names = [output.name for output in session.get_outputs()]
     seconds = []
     for _ in range(2):  # the first is for what is opened then

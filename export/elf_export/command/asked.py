@@ -81,7 +81,8 @@ def form_of(args: argparse.Namespace) -> Form | None:
         return None
     pixels = "float32" if "float32" in args.end_to_end else "uint8"
     color = "rgb" if "rgb" in args.end_to_end else "bgr"
-    return Form(pixels, color, "batch" in args.end_to_end, args.rounds, "saliency" in args.end_to_end)
+    kinds = {word: word in args.end_to_end for word in ("batch", "saliency", "required", "opencv")}
+    return Form(pixels, color, rounds=args.rounds, **kinds)
 
 
 def layers_of(text: str | None) -> list[str] | None:

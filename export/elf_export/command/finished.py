@@ -34,6 +34,8 @@ def finished(args: argparse.Namespace, log: Log) -> ExportResult:
     output, form = check_output(args.output or DEFAULT_OUTPUT, args.force), form_of(args)
     path = bundled_model(args.elf) if args.elf in BUNDLED else args.elf
     contract = ElfRuntime(path).contract
+    if contract.end_to_end is not None:
+        raise ExportError(f"{path} gives keypoints itself already")
     try:
         model = onnx.load(path)
     except Exception as error:  # protobuf's; a model in ORT format

@@ -100,11 +100,13 @@ def _file(p: argparse.ArgumentParser) -> None:
         "What it changes against fp32 is printed",
     )  # fmt: skip
     p.add_argument(
-        "--end-to-end", nargs="*", choices=("uint8", "float32", "bgr", "rgb", "batch", "saliency"),
+        "--end-to-end", nargs="*",
+        choices=("uint8", "float32", "bgr", "rgb", "batch", "saliency", "required", "opencv"),
         help="put all that follows the network into the graph too: an image goes in, of bytes (uint8, the default) or "
         "floats in 0..255, BGR as OpenCV's (the default) or rgb, and keypoints, scores and descriptors come out, in "
         "any ONNX runtime; batch: several images of one size at once; saliency: its map comes out "
-        "too",
+        "too; required: max_keypoints, threshold and mask have no defaults, for OpenVINO and onnxruntime-web, which "
+        "take these for constants; opencv: for OpenCV 5's cv2.dnn, with --rounds",
     )  # fmt: skip
     p.add_argument(
         "--rounds", type=from_zero, default=0, metavar="N",

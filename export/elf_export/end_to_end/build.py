@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import onnx
 from onnx import TensorProto, helper
 
 from elf_export.errors import ExportError
 from elf_export.graph.graph import Graph
-from elf_export.graph.passes import portable_forms
-from elf_runtime import DescriptorSpec, ModelContract
+from elf_export.graph.passes import pad_behind, portable_forms
+from elf_runtime import DescriptorSpec, DetectionParams, ModelContract
+from elf_runtime.contract import EndToEndSpec
 
 from .emit import FLOAT, INT64, Emit, Value, f32, i64
 from .keypoints import MASK, MOST, THRESHOLD, Maps, keypoints_of
@@ -39,6 +42,10 @@ class Form:
         Of the suppression, unrolled, with the same window for small images too; 0 is a Loop of as many as are needed.
     saliency : bool
         The network's saliency map as a last output, at the working size.
+    required : bool
+        The inputs that would have defaults have none, and must be given: for runtimes that can't set them otherwise.
+    opencv : bool
+        In a form that OpenCV's cv2.dnn computes right; with rounds only.
     """
 
     pixels: str = "uint8"
@@ -46,6 +53,8 @@ class Form:
     batch: bool = False
     rounds: int = 0
     saliency: bool = False
+    required: bool = False
+    opencv: bool = False
 
     def __post_init__(self) -> None:
         if self.pixels not in PIXELS:
@@ -58,8 +67,13 @@ class Form:
     def words(self) -> list[str]:
         """The options of the command that ask for it."""
         kinds = [self.pixels] * (self.pixels != PIXELS[0]) + [self.color] * (self.color != COLORS[0])
-        kinds += ["batch"] * self.batch + ["saliency"] * self.saliency
+        kinds += [word for word in ("batch", "saliency", "required", "opencv") if getattr(self, word)]
         return ["--end-to-end", *kinds] + (["--rounds", str(self.rounds)] if self.rounds else [])
+
+    @property
+    def spec(self) -> EndToEndSpec:
+        """What the file says of it."""
+        return EndToEndSpec(**asdict(self))
 
     @property
     def outputs(self) -> tuple[tuple[str, int, list[str | int]], ...]:
@@ -102,8 +116,8 @@ def end_to_end(model: onnx.ModelProto, contract: ModelContract, form: Form = For
     -------
     onnx.ModelProto
         Inputs: ``image`` (N, H, W, 1 or 3), grey or in `form`'s order, N = 1 unless `form` has batches, and with
-        defaults: ``max_keypoints`` int64 (), ``threshold`` float32 () (a fraction of the range; below 0 is Kapur's
-        level) and ``mask`` uint8 (H, W), or (1, 1) for none.
+        defaults, unless `form` requires them: ``max_keypoints`` int64 (), ``threshold`` float32 () (a fraction of the
+        range; below 0 is Kapur's level) and ``mask`` uint8 (H, W), or (1, 1) for none.
         Outputs: ``keypoints`` (K, 2) float32, x and y in pixels of the image, ``scores`` (K,) float32, descending, and
         ``descriptors`` (K, D) float32 of unit length, where the model has a descriptor, its first.  With batches
         (N, M, 2), (N, M), (N, M, D), M being ``max_keypoints``, zeros behind the ``counts`` (N,) int64 of each image.
@@ -127,8 +141,21 @@ def end_to_end(model: onnx.ModelProto, contract: ModelContract, form: Form = For
     _signature(graph, contract, spec, form)
     graph.prune()
     portable_forms(graph)
+    if form.opencv:
+        pad_behind(graph)
     onnx.checker.check_model(graph.model)
     return graph.model
+
+
+def inputs_of(params: DetectionParams) -> dict[str, npt.NDArray[Any]]:
+    """What the settings say of the inputs beside the image: max_keypoints, threshold, and a mask that is none."""
+    words = {"kapur": -1.0, "none": 0.0}
+    threshold = words[params.threshold] if isinstance(params.threshold, str) else params.threshold
+    return {
+        MOST: np.array(params.max_keypoints, i64),
+        THRESHOLD: np.array(threshold, f32),
+        MASK: np.ones((1, 1), np.uint8),
+    }
 
 
 def _names(form: Form, spec: DescriptorSpec | None) -> list[str]:
@@ -137,8 +164,8 @@ def _names(form: Form, spec: DescriptorSpec | None) -> list[str]:
 
 def _of_image(graph: Graph, working: Working, contract: ModelContract, spec: DescriptorSpec | None, form: Form) -> None:
     maps = Maps(contract.saliency_output, spec.output if spec else None)
-    found = keypoints_of(graph, working, maps, contract, form.rounds)
-    _outputs(graph, [value for value in found if value is not None], _names(form, spec))
+    found, e = keypoints_of(graph, working, maps, contract, form.rounds), Emit(graph, "kept")
+    _outputs(graph, [_first(e, rows, found.count, 0) for rows in found.rows], _names(form, spec))
 
 
 def _of_batch(graph: Graph, working: Working, contract: ModelContract, spec: DescriptorSpec | None, form: Form) -> None:
@@ -150,18 +177,27 @@ def _of_batch(graph: Graph, working: Working, contract: ModelContract, spec: Des
 
         own = replace(working, pixels=mine(working.pixels))
         maps = Maps(mine(contract.saliency_output), mine(spec.output) if spec else None)
-        keypoints, scores, descriptors = keypoints_of(graph, own, maps, contract, form.rounds)
-        count = e.size(scores, 0)
-        padded = [_padded(e, keypoints, count, 2), _padded(e, scores, count, 1), count]
-        return padded if descriptors is None else [*padded, _padded(e, descriptors, count, 2)]
+        found = keypoints_of(graph, own, maps, contract, form.rounds)
+        padded = [_padded(e, rows, found.count, rank) for rows, rank in zip(found.rows, (2, 1, 2), strict=False)]
+        return [*padded[:2], found.count, *padded[2:]]
 
     kinds = [(kind, len(shape) - 1) for _, kind, shape in form.outputs] + [(FLOAT, 2)] * (spec is not None)
-    _outputs(graph, e.for_each(e.size(IMAGE, 0), kinds, one), _names(form, spec))
+    most, names = e("Max", MOST, i64(0)), _names(form, spec)
+    found = zip(e.for_each(e.size(IMAGE, 0), kinds, one), names, strict=True)
+    _outputs(graph, [x if name == "counts" else _first(e, x, most, 1) for x, name in found], names)
+
+
+def _first(e: Emit, x: str, count: str, axis: int) -> str:
+    """The first `count`, int64 (), along an axis."""
+    return e("Slice", x, np.array([0], i64), e("Reshape", count, np.array([1], i64)), np.array([axis], i64))
 
 
 def _padded(e: Emit, rows: str, count: str, rank: int) -> str:
-    """Rows, (K, ...), with zeros behind them: as many as `max_keypoints`."""
-    behind = e("Reshape", e("Sub", MOST, count), np.array([1], i64))
+    """The first `count` of rows, (K, ...), with zeros behind them: as many as `max_keypoints`, or one."""
+    made = e.size(rows, 0)
+    kept = e("Less", e.count(made), count)
+    rows = e("Where", e.column(kept) if rank > 1 else kept, rows, f32(0))
+    behind = e("Reshape", e("Sub", e("Max", MOST, i64(1)), made), np.array([1], i64))
     pads: list[Value] = [np.zeros(rank, i64), behind, np.zeros(rank - 1, i64)]
     return e("Pad", rows, e("Concat", *pads[: rank + 1], axis=0))
 
@@ -172,18 +208,14 @@ def _outputs(graph: Graph, values: Sequence[str], names: Sequence[str]) -> None:
 
 
 def _signature(graph: Graph, contract: ModelContract, spec: DescriptorSpec | None, form: Form) -> None:
-    """Inputs and outputs; the optional inputs' defaults are initializers of the same names."""
-    params, proto = contract.detection, graph.model.graph
+    """Inputs and outputs; defaults of inputs are initializers of the same names."""
+    proto = graph.model.graph
     kind = {"uint8": TensorProto.UINT8, "float32": TensorProto.FLOAT}[form.pixels]
-    words = {"kapur": -1.0, "none": 0.0}
-    threshold = words[params.threshold] if isinstance(params.threshold, str) else params.threshold
     infos = [helper.make_tensor_value_info(IMAGE, kind, ["N" if form.batch else 1, "H", "W", "C"])]
-    for name, value, shape in (
-        (MOST, np.array(params.max_keypoints, i64), []),
-        (THRESHOLD, np.array(threshold, f32), []),
-        (MASK, np.ones((1, 1), np.uint8), ["mask_height", "mask_width"]),
-    ):
-        proto.initializer.append(onnx.numpy_helper.from_array(value, name))
+    for name, value in inputs_of(contract.detection).items():
+        if not form.required:
+            proto.initializer.append(onnx.numpy_helper.from_array(value, name))
+        shape = ["mask_height", "mask_width"] if name == MASK else []
         infos.append(helper.make_tensor_value_info(name, helper.np_dtype_to_tensor_dtype(value.dtype), shape))
     del proto.input[:]
     proto.input.extend(infos)

@@ -38,10 +38,19 @@ class Maps:
     descriptors: str | None
 
 
-def keypoints_of(
-    graph: Graph, working: Working, maps: Maps, contract: ModelContract, rounds: int
-) -> tuple[str, str, str | None]:
-    """Names of keypoints (K, 2), scores (K,) and descriptors (K, D) of one image, `working` being its.
+@dataclass(frozen=True)
+class Found:
+    """Names of what there is of one image: keypoints (K, 2), scores (K,) and, if it describes, descriptors (K, D).
+
+    The first `count`, int64 (), of the rows are keypoints: all, or none of one row.
+    """
+
+    rows: tuple[str, ...]
+    count: str
+
+
+def keypoints_of(graph: Graph, working: Working, maps: Maps, contract: ModelContract, rounds: int) -> Found:
+    """The keypoints of one image, `working` being its.
 
     `rounds` are those of the suppression; see `build.Form`.
     """
@@ -55,14 +64,14 @@ def keypoints_of(
     window = Window.of(e, params.nms_radius, params.scale, working.scale, one_for_all=rounds > 0)
     if params.suppression == "maxima":
         passed = e("And", passed, window_maxima(e, scores, window))
-    strength, flat = strongest(e, scores, greedy(e, scores, passed, window, rounds), MOST)
+    strength, flat, count = strongest(e, scores, greedy(e, scores, passed, window, rounds), MOST)
     x, y = _placed(graph, working, params, scores, flat, inside)
     e = Emit(graph, "source")
     columns = [e.column(e.cast(working.to_source(e, at, axis), FLOAT)) for at, axis in ((x, 1), (y, 0))]
     keypoints, spec = e("Concat", *columns, axis=1), contract.descriptor()
     if spec is None or maps.descriptors is None:
-        return keypoints, strength, None
-    return keypoints, strength, described(Emit(graph, "describe"), maps.descriptors, spec, x, y)
+        return Found((keypoints, strength), count)
+    return Found((keypoints, strength, described(Emit(graph, "describe"), maps.descriptors, spec, x, y)), count)
 
 
 def _passed(graph: Graph, working: Working, contract: ModelContract, scores: str, level: str, allowed: str) -> str:

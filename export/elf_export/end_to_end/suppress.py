@@ -79,7 +79,7 @@ def greedy(e: Emit, scores: str, candidates: str, window: Window, rounds: int) -
         So many rounds, unrolled; 0: a Loop of as many as are needed, which is exact.
     """
     count = e("ReduceSum", e.cast(candidates, FLOAT), keepdims=0)
-    n = e.cast(count, INT64)
+    n = e("Max", e.cast(count, INT64), i64(1))  # at least one, see `strongest`: of rank 0, it is not taken
     masked = e.flat(e("Where", candidates, scores, f32(-1)))
     _, order = e.top(masked, n, sort=True)  # equal ones by ascending place
     numbers = e("Sub", count, e.cast(e.count(n), FLOAT))
@@ -110,9 +110,13 @@ def _loop(e: Emit, left: str, taken: str, window: Window) -> str:
     return e.loop(_MOST_ROUNDS, {inner: left, before: taken}, body)[1]
 
 
-def strongest(e: Emit, scores: str, taken: str, most: str) -> tuple[str, str]:
-    """Scores, (K,), and flat places, (K,) int64, of the `most` taken of the highest scores, ties in raster order."""
+def strongest(e: Emit, scores: str, taken: str, most: str) -> tuple[str, str, str]:
+    """Scores, (K,), and flat places, (K,) int64, of the `most` taken of the highest scores, ties in raster order.
+
+    K is one at least, because OpenVINO 2026.4 ends a run without a word where steps have no rows, and leaves in the
+    outputs what was there.  Third comes how many are keypoints, int64 ().
+    """
     found = e.cast(e("ReduceSum", taken, keepdims=0), INT64)
-    k = e("Max", e("Min", found, most), i64(0))
+    count = e("Max", e("Min", found, most), i64(0))
     values = e.flat(e("Where", e("Greater", taken, f32(0)), scores, f32(-1)))
-    return e.top(values, k, sort=True)
+    return *e.top(values, e("Max", count, i64(1)), sort=True), count

@@ -22,11 +22,12 @@ from elf_runtime.model import bundled_model
 from elf_runtime.model.coverage import measure
 from elf_runtime.model.onnx_file import OnnxFile, Tensor, read_onnx
 from elf_runtime.model.ort_format import is_ort_format, to_ort
-from elf_runtime.model.providers import Provider, is_cpu, resolve_providers
+from elf_runtime.model.providers import Provider, computes_int8, resolve_providers
 
 from . import command, options
 from .command import UsageError
 from .info_text import report_text
+from .info_tried import elsewhere
 from .outputs import check_outputs
 from .parser import Parser, add_json, new_parser
 from .terminal import say
@@ -39,7 +40,8 @@ every op of it.
 The providers are measured: the model runs once on a small image, and ONNX Runtime's profile says which one
 executed each node. The ops counted there are those after ONNX Runtime's fusions and layout changes. Keypoints and
 descriptors of each provider but the CPU are held against the CPU's on a test picture, or on --image: shares are of
-the larger number of keypoints."""
+the larger number of keypoints. Of the other providers and runtimes it says what was tried with the bundled models,
+and when."""
 
 EPILOG = """\
 exit status: 0; 1 if the file is no ELF model (of another .onnx file, what can be read is still shown), if --image
@@ -77,7 +79,7 @@ def _work(args: argparse.Namespace) -> int:
         raise UsageError("--this-machine is for the file that --ort names")
     check_outputs({"--ort": [args.ort], "--json": [args.json]}, {"the image": [args.image], "the model": [args.model]})
     image = pattern() if args.image is None else read(args.image)
-    path = Path(args.model) if args.model else bundled_model("int8" if is_cpu(args.provider) else "fp32")
+    path = Path(args.model) if args.model else bundled_model("int8" if computes_int8(asked) else "fp32")
     graph = None if is_ort_format(path) else _graph(read_onnx(path))
     report: dict[str, Any] = {"file": str(path), "bytes": path.stat().st_size, "graph": graph}
     failures: list[object] = []
@@ -91,6 +93,7 @@ def _work(args: argparse.Namespace) -> int:
         wanted = resolve_providers(asked, fallback=False) if asked else ort.get_available_providers()
         runs = [_measured(path, contract, provider, image) for provider in wanted]
         report["providers"] = {run["provider"]: run for run in runs}
+        report["elsewhere"] = {} if asked else elsewhere(report["providers"])
         if asked:  # of all that are installed, one that does not start here is no failure of the model's
             failures += filter(None, (_failure(run, path) for run in runs))
     except ElfError as error:

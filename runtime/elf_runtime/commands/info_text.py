@@ -60,6 +60,9 @@ def report_text(report: Mapping[str, Any]) -> str:
             rows.append(_row(name.removesuffix("ExecutionProvider"), _coverage(run)))
             if run["agreement"]:
                 rows.append(_row("", _agreement(run["agreement"])))
+        if report["elsewhere"]:
+            rows += ["", "not installed here, tried with the bundled models"]
+            rows += [_row(name.removesuffix("ExecutionProvider"), text) for name, text in report["elsewhere"].items()]
     if "ort" in report:
         rows += ["", f"wrote {one_line(report['ort'])}"]
     return "\n".join(rows)
@@ -93,6 +96,8 @@ def _contract_rows(contract: Mapping[str, Any], gflop: Mapping[str, float]) -> l
         rows.append(_row("", f"and {len(described) - _MOST_ROWS} more descriptors"))
     pixels = f"{spec['color']} pixels 0..{spec['value_range']:g}, {_sizes(spec)}"
     rows.append(_row("input", f"{spec['dtype']} {spec['layout']}, {pixels}"))
+    if contract.get("end_to_end"):
+        rows.append(_row("end to end", _end_to_end(contract["end_to_end"])))
     rows.append(_row("preprocessing", contract["preprocessing"] or "not recorded"))
     rows.append(_row("precision", contract["precision"]))
     if contract.get("pooling"):
@@ -116,6 +121,12 @@ def _contract_rows(contract: Mapping[str, Any], gflop: Mapping[str, float]) -> l
     if contract["command"]:
         rows.append(_row("made by", contract["command"]))
     return rows
+
+
+def _end_to_end(form: Mapping[str, Any]) -> str:
+    images = f"{'images' if form['batch'] else 'an image'} of {form['pixels']} {form['color']}"
+    rounds = f"{form['rounds']} rounds unrolled" if form["rounds"] else "a Loop"
+    return f"the file gives keypoints itself, for {images}; suppression by {rounds}"
 
 
 def _parity_rows(parity: Mapping[str, float], precision: str) -> list[str]:

@@ -18,12 +18,13 @@ from __future__ import annotations
 
 from .metadata import SCHEMA_VERSION
 from .model import ModelContract
-from .specs import CompressionSpec, DescriptorSpec, InputSpec, ReductionSpec, WeightsSpec
+from .specs import CompressionSpec, DescriptorSpec, EndToEndSpec, InputSpec, ReductionSpec, WeightsSpec
 
 __all__ = [
     "SCHEMA_VERSION",
     "CompressionSpec",
     "DescriptorSpec",
+    "EndToEndSpec",
     "InputSpec",
     "ModelContract",
     "ReductionSpec",

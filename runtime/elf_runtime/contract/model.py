@@ -10,8 +10,8 @@ from elf_runtime.errors import ContractError, SettingError, suggestion
 from elf_runtime.params import DetectionParams
 
 from .metadata import read_metadata, write_metadata
-from .specs import CompressionSpec, DescriptorSpec, InputSpec, WeightsSpec
-from .tensors import disagreement
+from .specs import CompressionSpec, DescriptorSpec, EndToEndSpec, InputSpec, WeightsSpec
+from .tensors import disagreement, disagreement_alone
 
 _LATER = ("scales", "suppression", "oriented", "max_side")  # settings that older files do not state
 
@@ -43,8 +43,8 @@ class ModelContract:
         "average" where the detector averages in place of the network's max-pooling; "" where it is as it was trained.
     compression : CompressionSpec, optional
         Of the network's convolutions, where they are not as they were trained.
-    end_to_end : mapping, optional
-        Of a file that gives keypoints itself: the form of its graph (pixels, batch, rounds).  `ElfRuntime` takes none.
+    end_to_end : EndToEndSpec, optional
+        Of a file that gives keypoints itself, with the settings `detection`: the form of its graph.
     parity : mapping
         The exporter's measured errors against its reference (maximum, share of pixels, keypoints).
     cost : mapping
@@ -66,7 +66,7 @@ class ModelContract:
     weights: WeightsSpec = field(default_factory=WeightsSpec)
     pooling: str = ""
     compression: CompressionSpec | None = None
-    end_to_end: Mapping[str, Any] | None = None
+    end_to_end: EndToEndSpec | None = None
     parity: Mapping[str, float] = field(default_factory=dict)
     cost: Mapping[str, float] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
@@ -115,12 +115,10 @@ class ModelContract:
         ContractError
             Naming the file, the key and both sides of the disagreement.
         """
-        if self.end_to_end is not None:
-            raise ContractError(
-                f"{file}: it was exported with --end-to-end, and gives keypoints itself: run it by ONNX Runtime alone, "
-                "or export it without that option"
-            )
-        found = disagreement(self.input, self.saliency_output, self.descriptors, inputs, outputs)
+        if self.end_to_end is None:
+            found = disagreement(self.input, self.saliency_output, self.descriptors, inputs, outputs)
+        else:
+            found = disagreement_alone(self.end_to_end, self.saliency_output, self.descriptors, inputs, outputs)
         if found:
             raise ContractError(f"{file}: {found}. Export it again: {self.command[:500] or 'elf-export ...'}")
 

@@ -153,6 +153,41 @@ class DescriptorSpec:
 
 
 @dataclass(frozen=True)
+class EndToEndSpec:
+    """The tensors of a graph that gives keypoints itself; docs/file-alone.md has them.
+
+    Attributes
+    ----------
+    pixels : "uint8" or "float32"
+        Of the image; floats have the range of the bytes, 0 to 255.
+    color : "bgr" or "rgb"
+        Order of its channels.
+    batch : bool
+        Several images of one size at once; outputs are padded.
+    rounds : int
+        Of the suppression, unrolled; 0 is a Loop.
+    saliency : bool
+        Whether the saliency map is an output too.
+    required : bool
+        Whether the inputs beside the image have no defaults.
+    opencv : bool
+        Whether it is written for cv2.dnn.
+    """
+
+    pixels: str = "uint8"
+    color: str = "bgr"
+    batch: bool = False
+    rounds: int = 0
+    saliency: bool = False
+    required: bool = False
+    opencv: bool = False
+
+    def check(self) -> None:
+        if self.pixels not in ("uint8", "float32") or self.color not in ("bgr", "rgb") or self.rounds < 0:
+            raise ValueError(f"pixels {self.pixels!r}, color {self.color!r}, {self.rounds} rounds")
+
+
+@dataclass(frozen=True)
 class WeightsSpec:
     """Where the trained tensors came from, and a hash over the tensors themselves."""
 

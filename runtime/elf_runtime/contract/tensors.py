@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from .specs import DescriptorSpec, InputSpec
+from .specs import DescriptorSpec, EndToEndSpec, InputSpec
 
 
 def disagreement(
@@ -23,6 +23,34 @@ def disagreement(
     wanted += [("descriptors", descriptor.output, 4, descriptor.dim) for descriptor in descriptors]
     by_name = {tensor.name: tensor for tensor in outputs}
     return next(filter(None, [_of_input(spec, inputs), *(_of_output(*output, by_name) for output in wanted)]), None)
+
+
+IMAGE, GIVEN = "image", ("max_keypoints", "threshold", "mask")
+"""The inputs of a graph that gives keypoints itself: the image, and those that have defaults or are required."""
+
+
+def disagreement_alone(
+    form: EndToEndSpec,
+    saliency: str,
+    descriptors: Sequence[DescriptorSpec],
+    inputs: Sequence[Any],
+    outputs: Sequence[Any],
+) -> str | None:
+    """`disagreement` of a graph that gives keypoints itself; `inputs` are those without defaults."""
+    taken, wanted = {tensor.name: tensor for tensor in inputs}, {IMAGE, *(GIVEN if form.required else ())}
+    if set(taken) != wanted:
+        return f"'elf.end_to_end' says inputs {sorted(wanted)}, the graph takes {sorted(taken)}"
+    kind, shape = taken[IMAGE].type, list(taken[IMAGE].shape)
+    if kind != {"uint8": "tensor(uint8)", "float32": "tensor(float)"}[form.pixels] or len(shape) != 4:
+        return f"'elf.end_to_end' says {form.pixels} (N, H, W, C), the graph takes {kind} {shape}"
+    by_name, more = {tensor.name: tensor for tensor in outputs}, int(form.batch)
+    rows: list[tuple[str, int, int | None]] = [("keypoints", 2 + more, 2), ("scores", 1 + more, None)]
+    rows += [("descriptors", 2 + more, descriptor.dim) for descriptor in descriptors[:1]]
+    rows += [(saliency, 3, None)] * form.saliency
+    found = [_of_output("end_to_end", *row, by_name) for row in rows]
+    if form.batch and "counts" not in by_name:
+        found.append(f"'elf.end_to_end' says output 'counts', the graph has {sorted(by_name)}")
+    return next(filter(None, found), None)
 
 
 def _of_input(spec: InputSpec, inputs: Sequence[Any]) -> str | None:

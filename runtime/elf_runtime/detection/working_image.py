@@ -141,11 +141,16 @@ def nearest_level(sizes: npt.ArrayLike, levels: Levels, nms_radius: int) -> npt.
     return np.asarray(np.abs(np.log(given[:, None] / own)).argmin(axis=1))
 
 
+def check_least(size: tuple[int, int], spec: InputSpec) -> None:
+    """Raise ImageError on an image (height, width) that is too small for the model."""
+    if min(size) < spec.min_size:
+        raise ImageError(f"the image has {size[1]}x{size[0]} pixels; the smallest is {spec.min_size}x{spec.min_size}")
+
+
 def _scaling(size: tuple[int, int], scale: float, spec: InputSpec, model: str) -> Scaling:
     """From (height, width) to the size that the model is fed: a small image is seen at a larger scale."""
     height, width = size
-    if min(size) < spec.min_size:
-        raise ImageError(f"the image has {width}x{height} pixels; the smallest is {spec.min_size}x{spec.min_size}")
+    check_least(size, spec)
     if spec.is_fixed and scale != 1.0:
         raise SettingError(
             f"{model} takes images of {spec.width or 'any'}x{spec.height or 'any'} (width x height) only and "

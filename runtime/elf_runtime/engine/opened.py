@@ -5,19 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import groupby, islice
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from elf_runtime.contract import DescriptorSpec, ModelContract
-from elf_runtime.detection.descriptors import Array, DescriptorMap, as_points
-from elf_runtime.detection.detect import Seen, detect, nothing_found
-from elf_runtime.detection.upright import Sheet, UprightPatches
-from elf_runtime.detection.working_image import Levels, WorkingImage, nearest_level, prepare
+from elf_runtime.detection.descriptors import Array
 from elf_runtime.errors import ImageError, SettingError
 from elf_runtime.image.file import COLORS, ImageLike, check_pixels, image_errors
 from elf_runtime.model.network import Network
@@ -27,6 +22,8 @@ from elf_runtime.presets import preset
 from elf_runtime.results.trace import Stopwatch, Trace
 from elf_runtime.values import is_int
 
+from .alone import Alone
+from .maps import Maps
 from .origin import Prepared, read_with_source, record_of
 
 
@@ -49,6 +46,7 @@ class OpenedModel:
             raise SettingError(f"color is 'bgr' or 'rgb', not {color!r}")
         self._max_pixels, self._color = max_pixels, color
         self._network = Network(None if model is None else read_model(model), session_options, int(sizes))
+        self._way: Maps | Alone = (Maps if self.contract.end_to_end is None else Alone)(self._network)
 
     @property
     def contract(self) -> ModelContract:
@@ -81,18 +79,23 @@ class OpenedModel:
         Raises
         ------
         SettingError
-            On an unknown preset or setting, a value out of range, or a preset and `params` together.
+            On an unknown preset or setting, a value out of range, a preset and `params` together, or a setting that is
+            frozen in a file that gives keypoints itself.
         """
         if params is not None:
             if not isinstance(params, DetectionParams):
                 raise SettingError(f"params is a DetectionParams, not {type(params).__name__}")
             if name is not None:
                 raise SettingError(f"preset {name!r} and params are both where to start from; give one of them")
-            return params.updated(**settings)
+            return self._allowed(params.updated(**settings))
         base = self.contract.detection if name in (None, "default") else preset(name, self.contract.network)
         if self.contract.input.is_fixed:
             base = base.updated(scale=1.0)
-        return base.updated(**settings)
+        return self._allowed(base.updated(**settings))
+
+    def _allowed(self, params: DetectionParams) -> DetectionParams:
+        self._way.check(params)
+        return params
 
     def _prepare(
         self,
@@ -108,59 +111,16 @@ class OpenedModel:
             pixels, source = read_with_source(image, self._max_pixels, self._color)
         with watch("prepare"), image_errors(image, place):
             check_pixels(pixels.shape, self._max_pixels)
-            return Prepared(prepare(pixels, params, mask, self.contract, self._network.name), source)
+            return Prepared(self._way.prepare(pixels, params, mask), source)
 
     def _traces(
         self, group: Sequence[Prepared], params: DetectionParams, spec: DescriptorSpec | None, watch: Stopwatch
     ) -> Iterator[Trace]:
-        """The detections of images of the same working sizes, which go through the network together."""
-        found = self._detections([image.levels for image in group], params, spec, watch)
+        """The detections of images that go through the network together."""
+        found = self._way.traces([image.image for image in group], params, spec, watch)
         for image, trace in zip(group, found, strict=True):
             record = record_of(self._network, params, spec, image.source)
             yield replace(trace, features=replace(trace.features, record=record))
-
-    def _detections(
-        self, group: Sequence[Levels], params: DetectionParams, spec: DescriptorSpec | None, watch: Stopwatch
-    ) -> Iterator[Trace]:
-        textured = [levels for levels in group if levels[0].textured]
-        mapped = None if params.oriented else spec
-        with watch("session"):
-            outputs = [
-                self._network.run([image.pixels for image in same_size], mapped, levels=len(group[0]))
-                for same_size in zip(*textured, strict=True)
-            ]
-        order = iter(range(len(textured)))
-        for levels in group:
-            if levels[0].textured:
-                i = next(order)
-                seen = [self._seen(image, maps, i, params, spec) for image, maps in zip(levels, outputs, strict=True)]
-                yield detect(seen, params, watch)
-            else:
-                yield nothing_found(levels, spec.dim if spec else 0, params, watch)
-
-    def _seen(
-        self,
-        image: WorkingImage,
-        maps: Mapping[str, Array],
-        index: int,
-        params: DetectionParams,
-        spec: DescriptorSpec | None,
-    ) -> Seen:
-        """An image with its part of what the network gives for a batch."""
-        saliency = maps[self.contract.saliency_output][index]
-        if params.oriented:
-            return Seen(image, saliency, None, self._upright(image, spec))
-        described = DescriptorMap(maps[spec.output][index], spec, self._network.name) if spec else None
-        return Seen(image, saliency, described)
-
-    def _map(self, pixels: Array, spec: DescriptorSpec, levels: int = 1) -> DescriptorMap:
-        """The descriptor map of one image, which is one of `levels`."""
-        maps = self._network.run([pixels], spec, saliency=False, levels=levels)
-        return DescriptorMap(maps[spec.output][0], spec, self._network.name)
-
-    def _upright(self, image: WorkingImage, spec: DescriptorSpec | None) -> UprightPatches:
-        look = None if spec is None else partial(self._map, spec=spec)
-        return UprightPatches(image.pixels, Sheet.of(self.contract.input, spec), look, spec.dim if spec else 0)
 
     def _batches(
         self,
@@ -181,41 +141,18 @@ class OpenedModel:
             raise ImageError(f"{len(all_masks)} masks for {len(batch)} images")
         pairs = enumerate(zip(batch, all_masks, strict=True))
         prepared = (self._prepare(image, params, mask, f"image {i} of the batch") for i, (image, mask) in pairs)
-        for _, same_size in groupby(prepared, key=lambda one: [image.scaling.working for image in one.levels]):
-            while group := list(islice(same_size, self.contract.input.batch or batch_size)):
+        most = self._way.most_together(batch_size)
+        for _, same in groupby(prepared, key=lambda one: self._way.together(one.image)):
+            while group := list(islice(same, most)):
                 yield from self._traces(group, params, spec, Stopwatch())
 
     def _saliency(self, image: ImageLike, params: DetectionParams) -> Array:
         """The saliency map of the finest working scale, at the size of the source image."""
-        (working,) = self._prepare(image, params.updated(scale=params.working_scales[0])).levels
-        height, width = working.scaling.source
-        if not working.textured:
-            return np.zeros((height, width), np.float32)
-        found: Array = self._network.run([working.pixels], None)[self.contract.saliency_output][0]
-        if found.shape == (height, width):
-            return found
-        return np.asarray(cv2.resize(found, (width, height), interpolation=cv2.INTER_LINEAR))
+        return self._way.saliency(self._prepare(image, params.updated(scale=params.working_scales[0])).image)
 
     def _described(self, image: ImageLike, points: Any, params: DetectionParams, spec: DescriptorSpec) -> Array:
-        """Descriptors at points, each at its own working scale where there are several: see `ElfRuntime.describe`."""
-        where = as_points(points)
-        levels = self._prepare(image, params).levels
-        found = np.zeros((len(where), spec.dim), np.float32)
-        level, angles = np.zeros(len(where), np.int64), np.full(len(where), -1.0)
-        if len(where) and hasattr(points[0], "pt"):
-            angles = np.array([point.angle for point in points])
-            level = nearest_level([point.size for point in points], levels, params.nms_radius)
-        for number in np.unique(level):
-            working, own = levels[number], level == number
-            places = working.scaling.to_working(where[own])
-            if params.oriented:
-                upright = self._upright(working, spec)
-                given = np.isfinite(angles[own]) & (angles[own] >= 0)
-                turned = np.where(given, angles[own], upright.angles(places))
-                found[own] = upright.at(places, turned)
-            else:
-                found[own] = self._map(working.pixels, spec, len(levels)).at(places)
-        return found
+        """Descriptors at points: see `ElfRuntime.describe`."""
+        return self._way.described(self._prepare(image, params).image, points, params, spec)
 
     def _warm(self, size: tuple[int, int], params: DetectionParams) -> None:
         """Open the session of (height, width) and detect on noise of this size, which is checked before it is made."""
@@ -223,10 +160,6 @@ class OpenedModel:
             raise SettingError(f"a size is (height, width) in pixels, not {size!r}")
         check_pixels(size, self._max_pixels)
         noise = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
-        prepared, spec = self._prepare(noise, params), self.contract.descriptor()
-        for image in prepared.levels:
-            mapped = None if params.oriented else spec
-            self._network.expect(image.scaling.working, mapped, levels=len(prepared.levels))
-        if params.oriented and spec is not None:
-            self._network.expect(Sheet.of(self.contract.input, spec).size, spec, saliency=False)
-        list(self._traces([prepared], params, spec, Stopwatch()))
+        prepared = self._prepare(noise, params)
+        self._way.expect(prepared.image, params)
+        list(self._traces([prepared], params, self.contract.descriptor(), Stopwatch()))

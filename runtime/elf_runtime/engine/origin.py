@@ -10,7 +10,6 @@ from typing import Any
 import numpy.typing as npt
 
 from elf_runtime.contract import DescriptorSpec
-from elf_runtime.detection.working_image import Levels
 from elf_runtime.image.file import ImageFile, ImageLike, read
 from elf_runtime.model.network import Network
 from elf_runtime.params import DetectionParams
@@ -19,9 +18,9 @@ from elf_runtime.version import __version__
 
 @dataclass(frozen=True)
 class Prepared:
-    """An image at its working scales, and which file it is; of an array nothing is known."""
+    """An image as `Maps` or `Alone` made it ready, and which file it is; of an array nothing is known."""
 
-    levels: Levels
+    image: Any
     source: Mapping[str, str]
 
 

@@ -45,8 +45,9 @@ class ElfRuntime(OpenedModel):
         Parameters
         ----------
         model : path or bytes, optional
-            A file that ``elf-export`` or `to_ort` wrote; it is read once, here.  None is the bundled model: in int8 on
-            ONNX Runtime's CPU provider, `fallback` to it included, in fp32 on others.
+            A file that ``elf-export`` or `to_ort` wrote; it is read once, here.  One of ``--end-to-end`` takes
+            max_keypoints, threshold and masks, and no other settings; it can't `describe`.  None is the bundled model:
+            in int8 on ONNX Runtime's CPU provider, `fallback` to it included, and OpenVINO's CPUs, in fp32 on others.
         providers : str, (str, options) or sequence of them, optional
             ONNX Runtime execution providers in order of preference, by short ("cuda") or full name.  None is the CPU.
         threads : int, optional

@@ -30,7 +30,7 @@ def detected(frame: Frame, files: Sequence[str], trace: Trace, seconds: float, r
         "files": list(files),
         "size": list(trace.features.image_size),
         "keypoints": len(trace.features),
-        "passed": float(trace.mask.mean()),
+        "passed": float(trace.mask.mean()) if trace.levels else None,
         "seconds": seconds,
         "stages": trace.seconds | {"read": read},
         "skipped": False,

@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from elf_runtime.contract import ModelContract
 from elf_runtime.errors import ElfError, ModelError, first_line
 
+from .network import alone_feed
 from .providers import Provider
 from .session import open_session
 
@@ -56,14 +58,12 @@ def measure(model: str | Path, contract: ModelContract, provider: Provider) -> C
         If the model itself can't be opened.
     """
     name = provider if isinstance(provider, str) else provider[0]
-    side = max(64, contract.input.min_size)
-    shape = (1, *contract.input.size_for(side, side, 1.0), contract.input.channels)
-    image = np.random.default_rng(0).random(shape, np.float32) * np.float32(contract.input.value_range)
+    feed = _noise(contract)
     with tempfile.TemporaryDirectory() as folder:
         try:
             session, _ = open_session(model, provider, profile=str(Path(folder) / "profile"))
             try:
-                session.run(None, {contract.input.name: image})
+                session.run(None, feed)
             finally:
                 profile = session.end_profiling()
             events = json.loads(Path(profile).read_text(encoding="utf-8"))
@@ -74,6 +74,17 @@ def measure(model: str | Path, contract: ModelContract, provider: Provider) -> C
         except Exception as error:  # onnxruntime's own exceptions share no base of theirs
             return Coverage(name, {}, {}, first_line(error))
     return from_events(name, events)
+
+
+def _noise(contract: ModelContract) -> dict[str, npt.NDArray[Any]]:
+    """The inputs of the graph, with a small image."""
+    spec, form = contract.input, contract.end_to_end
+    side = max(64, spec.min_size)
+    shape = (1, *spec.size_for(side, side, 1.0), spec.channels)
+    image = np.random.default_rng(0).random(shape, np.float32) * np.float32(spec.value_range)
+    if form is None:
+        return {spec.name: image}
+    return alone_feed((image * (255 / spec.value_range)).astype(form.pixels), contract.detection)
 
 
 def from_events(provider: str, events: list[dict[str, Any]]) -> Coverage:

@@ -10,10 +10,11 @@ import numpy.typing as npt
 
 from elf_runtime.contract import DescriptorSpec, ModelContract
 from elf_runtime.errors import ElfError, first_line
+from elf_runtime.params import DetectionParams
 
 from .bundled import read_bundled
 from .outputs import check_map, check_saliency
-from .providers import Provider, is_cpu, resolve_providers
+from .providers import Provider, computes_int8, is_cpu, resolve_providers
 from .sessions import Sessions
 
 Array = npt.NDArray[np.float32]
@@ -60,8 +61,7 @@ class Network:
 
     def _open(self, providers: list[Provider]) -> None:
         model, options, sizes = self.given
-        # Integers are for CPUs: other providers would convolve in floats, with roundings in between.
-        data, self.name = model or read_bundled("int8" if is_cpu(providers) else "fp32")
+        data, self.name = model or read_bundled("int8" if computes_int8(providers) else "fp32")
         self.sessions = Sessions(data, self.name, {**options, "providers": providers}, sizes)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -89,21 +89,32 @@ class Network:
         ElfError
             If ONNX Runtime fails.
         """
-        names = self._outputs(spec, saliency)
         pixels = np.stack(images) if len(images) > 1 else images[0][None]  # one alone is not copied: it may be large
-        session, options = self.sessions.get(names, pixels.shape[:3], levels=levels)
-        try:
-            values = session.run(names, {self.contract.input.name: pixels}, options)
-        except Exception as error:  # onnxruntime's own exceptions share no base of theirs
-            why = first_line(error)
-            raise ElfError(f"{self.name}: the network failed on a {pixels.shape} input: {why}") from error
-        found = dict(zip(names, values, strict=True))
         shape = (pixels.shape[0], pixels.shape[1], pixels.shape[2])
+        found = self.fetched(self._outputs(spec, saliency), {self.contract.input.name: pixels}, shape, levels)
         if saliency:
             check_saliency(found[self.contract.saliency_output], shape, self.name)
         if spec is not None:
             check_map(found[spec.output], spec, shape, self.name)
         return found
+
+    def fetched(
+        self, names: Sequence[str], feed: Mapping[str, npt.NDArray[Any]], shape: tuple[int, int, int], levels: int = 1
+    ) -> dict[str, Array]:
+        """The outputs of these names for inputs of these names, of which images (N, h, w) of this `shape` come first.
+
+        Raises
+        ------
+        ElfError
+            If ONNX Runtime fails.
+        """
+        session, options = self.sessions.get(names, shape, levels=levels)
+        try:
+            values = session.run(names, dict(feed), options)
+        except Exception as error:  # onnxruntime's own exceptions share no base of theirs
+            given, why = next(iter(feed.values())).shape, first_line(error)
+            raise ElfError(f"{self.name}: the network failed on a {given} input: {why}") from error
+        return dict(zip(names, values, strict=True))
 
     def expect(
         self, size: tuple[int, int], spec: DescriptorSpec | None, saliency: bool = True, levels: int = 1
@@ -113,3 +124,17 @@ class Network:
 
     def _outputs(self, spec: DescriptorSpec | None, saliency: bool) -> list[str]:
         return [self.contract.saliency_output] * saliency + ([spec.output] if spec is not None else [])
+
+
+def alone_feed(
+    pixels: npt.NDArray[Any], params: DetectionParams, mask: npt.NDArray[np.uint8] | None = None
+) -> dict[str, npt.NDArray[Any]]:
+    """The inputs of a graph that gives keypoints itself, for images (N, H, W, C) of the kind that it takes."""
+    levels = {"kapur": -1.0, "none": 0.0}
+    level = levels[params.threshold] if isinstance(params.threshold, str) else params.threshold
+    return {
+        "image": pixels,
+        "max_keypoints": np.array(params.max_keypoints, np.int64),
+        "threshold": np.array(level, np.float32),
+        "mask": np.ones((1, 1), np.uint8) if mask is None else mask,
+    }

@@ -38,6 +38,18 @@ def is_cpu(providers: Provider | Sequence[Provider] | None) -> bool:
     return all(_full_name(name) == "CPUExecutionProvider" for name, _ in _entries(providers or "cpu"))
 
 
+def computes_int8(providers: Provider | Sequence[Provider] | None) -> bool:
+    """Whether the preferred provider computes in 8-bit integers: ONNX Runtime's own on CPUs, and OpenVINO there.
+
+    Others, as far as they are known, convolve in floats, with roundings in between.  docs/providers.md has the times.
+    """
+    if is_cpu(providers):
+        return True
+    (name, options), *_ = _entries(providers or "cpu")
+    device = str((options or {}).get("device_type", "CPU"))
+    return _full_name(name) == "OpenVINOExecutionProvider" and device.startswith("CPU")
+
+
 def _entries(wanted: Provider | Sequence[Provider]) -> list[tuple[str, dict[str, Any] | None]]:
     """The providers as (name, options or None)."""
     pair = isinstance(wanted, tuple) and len(wanted) == 2 and isinstance(wanted[1], Mapping)

@@ -113,7 +113,7 @@ def draw_mask(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_]) -> Picture:
 
 
 def detection_picture(image: npt.NDArray[Any], trace: Trace, title: str = "") -> Picture:
-    """Keypoints, saliency and threshold side by side, each panel under a title.
+    """Keypoints, saliency and threshold side by side, each panel under a title; without levels, keypoints only.
 
     Parameters
     ----------
@@ -126,11 +126,14 @@ def detection_picture(image: npt.NDArray[Any], trace: Trace, title: str = "") ->
 def detection_panels(view: Picture, factor: float, trace: Trace, title: str = "") -> Picture:
     """`detection_picture` on a view of the source image at `factor` times its size."""
     features = trace.features
+    rings = titled(draw_scaled(view, factor, features), title, f"{len(features)} keypoints", legend=True)
+    if not trace.levels:
+        return side_by_side([rings])
     size = (view.shape[1], view.shape[0])
     heat = cv2.resize(heatmap(trace.saliency), size, interpolation=cv2.INTER_LINEAR)
     share = 100.0 * float(trace.mask.mean())
     panels = [
-        titled(draw_scaled(view, factor, features), title, f"{len(features)} keypoints", legend=True),
+        rings,
         titled(heat, "saliency S = |F^T dF/dI|"),
         titled(draw_mask(view, trace.mask), f"threshold: {share:.1f} % pass"),
     ]

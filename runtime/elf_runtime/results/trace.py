@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from elf_runtime.errors import SettingError
 from elf_runtime.pictures.notebook import trace_png
 
 from .features import Array, Features
@@ -59,12 +60,12 @@ class Trace:
     ----------
     features : Features
     levels : tuple of Level
-        Of each working scale, the finest first.
+        Of each working scale, the finest first; none of a file that gives keypoints itself.
     seconds : dict
         Time of each stage: read, prepare, session, blur, threshold, nms, descriptors
         (where keypoints are oriented, with the network's looks at their patches).
     saliency, scores, mask : (h, w) arrays
-        Those of the finest level; see `Level`.
+        Those of the finest level; see `Level`.  Where there is none they raise SettingError.
     """
 
     features: Features
@@ -73,19 +74,27 @@ class Trace:
 
     @property
     def saliency(self) -> Array:
-        return self.levels[0].saliency
+        return self._finest.saliency
 
     @property
     def scores(self) -> Array:
-        return self.levels[0].scores
+        return self._finest.scores
 
     @property
     def mask(self) -> npt.NDArray[np.bool_]:
-        return self.levels[0].mask
+        return self._finest.mask
+
+    @property
+    def _finest(self) -> Level:
+        if not self.levels:
+            raise SettingError("a file that gives keypoints itself gives no maps; export it without --end-to-end")
+        return self.levels[0]
 
     def __repr__(self) -> str:
-        (h, w), share = self.saliency.shape, float(self.mask.mean()) if self.mask.size else 0.0
         time = f"{1e3 * sum(self.seconds.values()):.1f} ms"
+        if not self.levels:
+            return f"Trace({self.features!r}, {time})"
+        (h, w), share = self.saliency.shape, float(self.mask.mean()) if self.mask.size else 0.0
         return f"Trace({self.features!r}, saliency {w}x{h}, {share:.1%} passed, {time})"
 
     def _repr_png_(self) -> bytes:

@@ -81,8 +81,8 @@ def detected(
 ) -> Shown:
     """An image with its map, or, where there are several working scales or a grid, with the keypoints only."""
     trace = elf.trace(pixels, mask=mask, params=params, descriptor=descriptor)
-    if len(trace.levels) > 1 or params.grid != (1, 1):
-        why = "several working scales" if len(trace.levels) > 1 else "a grid"
+    if len(trace.levels) != 1 or params.grid != (1, 1):
+        why = {0: "a file that gives keypoints itself", 1: "a grid"}.get(len(trace.levels), "several working scales")
         note = f"{why}: the keypoints are those of elf-detect, and only level and count can be changed"
         return Shown(name, small(pixels), trace.features.quantized(), None, note)
     # A keypoint is a maximum of its 3x3 pixels, whatever the radius, but for the slopes that "greedy" may take.

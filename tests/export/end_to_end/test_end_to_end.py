@@ -16,7 +16,7 @@ from elf_export.checks.alone import compare_alone  # noqa: E402
 from elf_export.cli import main  # noqa: E402
 from elf_export.end_to_end.build import Form, end_to_end  # noqa: E402
 from elf_export.errors import ExportError  # noqa: E402
-from elf_runtime import ContractError, ElfRuntime, Features  # noqa: E402
+from elf_runtime import ElfRuntime, Features  # noqa: E402
 from elf_runtime.image.file import read  # noqa: E402
 from elf_runtime.model import bundled_model  # noqa: E402
 from helpers import ROOT, TINY, textured  # noqa: E402
@@ -109,6 +109,21 @@ def test_inputs_that_have_defaults() -> None:
         assert_same(elf.detect(image, params=changed), *alone.run(None, feed))
 
 
+def test_inputs_that_must_be_given() -> None:
+    elf, alone, params = session(TINY, Form(required=True), max_keypoints=40)
+    image, mask = IMAGES["textured"], np.zeros((150, 201), np.uint8)
+    mask[30:, :150] = 1
+    with pytest.raises(ValueError, match="max_keypoints"):
+        alone.run(None, {"image": image[None]})
+    assert "--end-to-end required" in " ".join(Form(required=True).words())
+    for most, threshold, its in ((40, -1.0, np.ones((1, 1), np.uint8)), (7, 0.3, mask)):
+        level, wanted = "kapur" if threshold < 0 else threshold, mask if its is mask else None
+        feed = {"max_keypoints": np.array(most), "threshold": np.array(threshold, np.float32), "mask": its}
+        changed = params["params"].updated(max_keypoints=most, threshold=level)
+        found = alone.run(None, {"image": image[None], **feed})
+        assert_same(elf.detect(image, params=changed, mask=wanted), *found)
+
+
 def test_a_batch_is_padded() -> None:
     elf, alone, params = session(TINY, Form("float32", batch=True), max_keypoints=60)
     images = np.stack([textured(80, 100, 0), np.full((80, 100, 3), 7, np.uint8), textured(80, 100, 1)])
@@ -120,6 +135,12 @@ def test_a_batch_is_padded() -> None:
         parts = [found[name][i] for name in ("keypoints", "scores", "descriptors")]
         assert_same(elf.detect(images[i], **params), *(part[:count] for part in parts))
         assert not any(part[count:].any() for part in parts)
+    for most in (0, 2):
+        feed = {"image": images.astype(np.float32), "max_keypoints": np.array(most)}
+        few = dict(zip(names, alone.run(names, feed), strict=True))
+        assert few["keypoints"].shape == (3, most, 2)
+        assert few["counts"].tolist() == [most, 0, most]
+        np.testing.assert_array_equal(few["descriptors"][0], found["descriptors"][0, :most])
 
 
 def test_channels_in_the_other_order() -> None:
@@ -192,16 +213,33 @@ def test_the_command_makes_a_file_that_says_what_it_is(
     ]
     assert main([*words, "--end-to-end", "--quiet"]) == 0
     assert capsys.readouterr().out == ""
-    with pytest.raises(ContractError, match="gives keypoints itself: run it by ONNX Runtime alone"):
-        ElfRuntime(tmp_path / "e.onnx")
     metadata = {prop.key: prop.value for prop in onnx.load(tmp_path / "e.onnx").metadata_props}
     assert (
         metadata["elf.end_to_end"]
-        == '{"batch": false, "color": "bgr", "pixels": "uint8", "rounds": 0, "saliency": false}'
+        == '{"batch": false, "color": "bgr", "opencv": false, "pixels": "uint8", "required": false, "rounds": 0, '
+        '"saliency": false}'
     )
     assert "--end-to-end" in metadata["elf.command"]
     found = ort.InferenceSession(tmp_path / "e.onnx", QUIET).run(None, {"image": IMAGES["textured"][None]})
     assert len(found[0]) > 10
+    assert_same(ElfRuntime(tmp_path / "e.onnx").detect(IMAGES["textured"]), *found)
     with pytest.raises(SystemExit):
         main([*words, "--rounds", "3"])
     assert "--rounds goes with --end-to-end only" in capsys.readouterr().err
+
+
+def test_the_form_for_opencv_has_the_same_values() -> None:
+    """A padded convolution of 1x1 is what the adjoint of a 3x3 one behind a 2x2 pool has."""
+    contract, image = ElfRuntime(bundled_model("fp32")).contract, IMAGES["textured"]
+    found, padded = [], []
+    for opencv in (False, True):
+        graph = end_to_end(onnx.load(bundled_model("fp32")), contract, Form(saliency=True, opencv=opencv))
+        kernels = {x.name: tuple(x.dims)[2:] for x in graph.graph.initializer}
+        convs = [node for node in graph.graph.node if node.op_type == "Conv" and kernels.get(node.input[1]) == (1, 1)]
+        stated = [{a.name: list(a.ints) for a in node.attribute} for node in convs]
+        padded.append(sum(any(one["pads"]) and one["strides"] == [1, 1] for one in stated))
+        found.append(ort.InferenceSession(graph.SerializeToString(), QUIET).run(None, {"image": image[None]}))
+    assert padded[0] > 0
+    assert padded[1] == 0
+    for wanted, there in zip(*found, strict=True):
+        np.testing.assert_allclose(there, wanted, atol=1e-3 * np.abs(wanted).max())

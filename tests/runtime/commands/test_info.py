@@ -44,6 +44,9 @@ def test_says_what_the_model_is(capsys: pytest.CaptureFixture[str]) -> None:
     ):
         assert expected in text
     assert "CPU              runs every op" in text
+    assert "not installed here, tried with the bundled models" in text
+    assert "TensorRT" not in text.partition("not installed here")[0]
+    assert "cv2.dnn          int8's maps" in text
 
 
 def test_measured_errors_and_scores_are_in_words(capsys: pytest.CaptureFixture[str]) -> None:

@@ -74,7 +74,7 @@ def test_keypoints_round_to_pixels_of_the_mask(elf: ElfRuntime, scale: float, su
 def test_a_border_of_more_rows_than_columns(elf: ElfRuntime) -> None:
     """Rounded to whole working pixels, the border can differ between rows and columns."""
     image, settings = textured(101, 140), {"scale": 0.52, "border": 10, "nms_radius": 2}
-    (work,) = elf._prepare(image, elf.params(**settings), None).levels
+    (work,) = elf._prepare(image, elf.params(**settings), None).image
     rows, columns = work.scaling.margin(10)
     assert rows != columns
     found = elf.trace(image, **settings)
@@ -84,14 +84,14 @@ def test_a_border_of_more_rows_than_columns(elf: ElfRuntime) -> None:
 
 
 def test_a_refined_point_at_the_border_stays(elf: ElfRuntime) -> None:
-    (work,) = elf._prepare(textured(60, 80), elf.params(scale=1.0), None).levels
+    (work,) = elf._prepare(textured(60, 80), elf.params(scale=1.0), None).image
     refined = np.array([[10.0, 20.25], [69.0, 49.0], [9.75, 20.25]], np.float32)
     found = np.array([[10, 20], [69, 49], [10, 20]])
     np.testing.assert_array_equal(work.kept_inside(refined, found, 10), [[10.0, 20.25], [69.0, 49.0], [10.0, 20.0]])
 
 
 def test_a_radius_is_at_least_a_working_pixel_where_above_zero(elf: ElfRuntime) -> None:
-    (work,) = elf._prepare(textured(160, 200), elf.params(scale=0.25), None).levels
+    (work,) = elf._prepare(textured(160, 200), elf.params(scale=0.25), None).image
     assert [work.scaling.radius(r) for r in (0, 1, 4, 6, 10_000)] == [0, 1, 1, 2, 50]
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from elf_runtime import ElfRuntime, ProviderError
+from elf_runtime.model.providers import computes_int8
 from helpers import TINY, textured
 
 
@@ -30,6 +31,14 @@ def test_providers() -> None:
     for spin in ("yes", 1, 0):
         with pytest.raises(ProviderError, match=f"spin is None, True or False, not {spin!r}"):
             ElfRuntime(TINY, spin=spin)  # type: ignore[arg-type]
+
+
+def test_the_bundled_model_is_in_8_bits_where_these_are_computed() -> None:
+    gpu = {"device_type": "GPU"}
+    eight = [None, "cpu", [("cpu", {})], "openvino", [("OpenVINOExecutionProvider", {"device_type": "CPU"}), "cpu"]]
+    assert all(computes_int8(providers) for providers in eight)
+    for providers in ("cuda", ["cuda", "cpu"], [("openvino", gpu), "cpu"], ["tensorrt", "openvino"]):
+        assert not computes_int8(providers)  # type: ignore[arg-type]
 
 
 def test_a_provider_that_is_not_installed() -> None:

@@ -16,6 +16,7 @@ from .expand_response import expand_response
 from .factor_convs import factor_convs
 from .fold_batchnorm import fold_batchnorm
 from .fold_constants import fold_constants
+from .pad_behind import pad_behind
 from .portable_forms import portable_forms
 from .project import project
 from .rename_values import rename_values
@@ -39,6 +40,7 @@ __all__ = [
     "fold_batchnorm",
     "fold_constants",
     "opset_of",
+    "pad_behind",
     "portable_forms",
     "project",
     "rename_values",
