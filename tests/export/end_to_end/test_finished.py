@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -14,7 +16,7 @@ from elf_export.cli import main
 from elf_runtime import ElfRuntime, ModelContract
 from elf_runtime.model import bundled_model
 from elf_runtime.model.ort_format import to_ort
-from helpers import ROOT, TINY
+from helpers import ROOT, TINY, TINY_ALONE, textured
 
 QUIET = ort.SessionOptions()
 QUIET.log_severity_level = 3
@@ -77,3 +79,18 @@ def test_what_does_not_go_with_it(words: list[str], told: str, capsys: pytest.Ca
         main(words)
     assert caught.value.code == 2
     assert told in capsys.readouterr().err
+
+
+def test_onnxruntime_s_tool_lists_what_a_reduced_build_needs(tmp_path: Path) -> None:
+    (tmp_path / "alone.onnx").write_bytes(TINY_ALONE.read_bytes())
+    words = ["--optimization_style", "Fixed", "--enable_type_reduction", str(tmp_path)]
+    command = [sys.executable, "-m", "onnxruntime.tools.convert_onnx_models_to_ort", *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    listed = (tmp_path / "required_operators_and_types.config").read_text(encoding="utf-8")
+    assert "TopK" in listed
+    assert "Loop" in listed
+    image = textured(120, 160)
+    found, wanted = (ElfRuntime(path).detect(image) for path in (tmp_path / "alone.ort", TINY_ALONE))
+    assert len(found) > 3
+    np.testing.assert_allclose(found.keypoints, wanted.keypoints, atol=1e-3)
