@@ -16,7 +16,7 @@ from elf_eval.report import pareto, plots
 from elf_eval.run.averages import metrics_in
 from elf_eval.run.results import Results
 from elf_eval.spec import comma_separated
-from elf_eval.suite.suite import Suite
+from elf_eval.suite.file import load_suite
 from elf_runtime.commands.options import positive
 from elf_runtime.files.write import unwritable
 
@@ -67,7 +67,7 @@ def _pareto(args: argparse.Namespace) -> None:
         metrics = _metrics(args.metrics, study.metrics(), f"{data} has")
     else:
         timing = Timing(Path(args.image), args.reference, args.repeats, args.warmup, args.threads)
-        suite, results = Suite.load(Path(args.suite)), Results.load(Path(args.results))
+        suite, results = load_suite(Path(args.suite)), Results.load(Path(args.results))
         metrics = _metrics(args.metrics, [m for m in metrics_in(results.pairs) if is_share(m)], "these results have")
         study = measure(suite, results, timing)
         out.parent.mkdir(parents=True, exist_ok=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from elf_eval.report.page import write_report
 from elf_eval.run.results import Results
-from elf_eval.suite.suite import Suite
+from elf_eval.suite.file import load_suite
 
 from .options import Subcommands
 from .outputs import check_folder, say_written
@@ -27,7 +27,7 @@ def add_parser(commands: Subcommands) -> None:
 def _report(args: argparse.Namespace) -> None:
     results, out = Results.load(Path(args.results)), Path(args.out or Path(args.results).parent)
     pictures = sorted((out / "pictures").glob("*.jpg"))
-    suite = Suite.load(Path(args.suite)) if args.suite else None
+    suite = load_suite(Path(args.suite)) if args.suite else None
     page = (suite.title, suite.note, suite.tables) if suite else ("Evaluation", "", [])
     rows = {entry.name: entry.paper for entry in suite.methods} if suite else {}
     results = replace(results, methods=[{**m, "paper": rows.get(m["name"], m["paper"])} for m in results.methods])

@@ -11,7 +11,8 @@ from elf_eval.protocol import Protocol
 from elf_eval.report.method_names import without_folders
 from elf_eval.report.page import write_index, write_report
 from elf_eval.report.pictures import write_pictures
-from elf_eval.run.runner import run
+from elf_eval.run.runner import open_datasets, run
+from elf_eval.suite.file import load_suite
 from elf_eval.suite.suite import DatasetEntry, MethodEntry, Suite
 
 from .options import Subcommands, add_protocol, add_resources, protocol, resources
@@ -44,10 +45,12 @@ def _run(args: argparse.Namespace) -> None:
     if by_hand:
         suites = [(_suite_by_hand(args), out)]
     else:
-        loaded = [(Suite.load(path), path.stem) for path in map(Path, args.suite)]
+        loaded = [(load_suite(path), path.stem) for path in map(Path, args.suite)]
         suites = [(replace(s, protocol=protocol(args, s.protocol)), out / name) for s, name in loaded]
-    for _, folder in suites:
+    for suite, folder in suites:
         check_folder(folder)
+        if len(suites) > 1:  # a folder that the last one lacks is said before the first one's hours
+            open_datasets(suite)
     for suite, folder in suites:
         _run_suite(suite, folder, args)
     if not by_hand:

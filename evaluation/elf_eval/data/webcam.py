@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from elf_eval.spec import Spec
+from elf_eval.errors import EvalError
+from elf_eval.spec import Spec, comma_separated
 
 from .dataset import Dataset, Pair
 from .files import folders_in, images_in, is_image, scene_name
@@ -18,7 +19,7 @@ _INNER = ("test/image_color", "test/image_gray", "test/image_grey")
 
 
 def webcam(spec: Spec) -> Dataset:
-    """``webcam:FOLDER``; option ``limit=N`` takes only the first N images of a scene.
+    """``webcam:FOLDER``; options ``scenes=a,b`` and ``limit=N``, which takes only the first N images of a scene.
 
     The first image of a scene, in natural order of the names, against each other one.  A FOLDER without
     folders in it is one scene.
@@ -26,7 +27,13 @@ def webcam(spec: Spec) -> Dataset:
     limit = spec.take("limit", int, 0)
     pairs: list[Pair] = []
     root = spec.folder()
-    for scene in folders_in(root) or [root]:
+    wanted = comma_separated(spec.take("scenes", str, ""))
+    scenes = folders_in(root) or [root]
+    if missing := set(wanted) - {scene_name(folder) for folder in scenes}:
+        raise EvalError(f"{root}: no scenes {sorted(missing)}; there are {[scene_name(f) for f in scenes]}")
+    for scene in scenes:
+        if wanted and scene_name(scene) not in wanted:
+            continue
         name = scene_name(scene)
         refs = [ImageRef(f"{name}/{p.name}", p) for p in images_in(_image_folder(scene))]
         refs = refs[:limit] if limit else refs

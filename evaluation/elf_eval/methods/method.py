@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
-from elf_eval.data.images import Image
+from elf_eval.data.images import Image, ImageRef
 from elf_eval.errors import EvalError
 from elf_eval.features import LocalFeatures
 from elf_eval.protocol import Protocol
@@ -31,6 +32,16 @@ class Method:
     def protocol(self, shared: Protocol) -> Protocol:
         """The protocol with this method's ratio where it has one of its own."""
         return shared if self.ratio is None else replace(shared, ratio=self.ratio)
+
+    def check(self, refs: Sequence[ImageRef]) -> None:
+        """Refuse images that the method has no features of, before a run begins.  Most methods take any.
+
+        Raises
+        ------
+        EvalError
+            Naming the first that is missing, and how many are.
+        """
+        del refs
 
     def extract(self, image: Image, limit: int) -> LocalFeatures:
         """At most `limit` keypoints, the strongest, with descriptors where the method has its own.
@@ -63,6 +74,10 @@ class Composed(Method):
         self.fingerprint = f"{detector.fingerprint} | {descriptor.fingerprint}"
         self.cacheable = detector.cacheable and descriptor.cacheable
         self.ratio = detector.ratio if descriptor.ratio is None else descriptor.ratio
+
+    def check(self, refs: Sequence[ImageRef]) -> None:
+        self.detector.check(refs)
+        self.descriptor.check(refs)
 
     def extract(self, image: Image, limit: int) -> LocalFeatures:
         return self.describe(image, self.detector.extract(image, limit))

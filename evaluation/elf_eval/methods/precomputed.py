@@ -9,14 +9,15 @@ The image's name is the dataset's, e.g. ``v_graf/1.png``; ``elf-eval images`` wr
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from elf_eval.coordinates import warp
-from elf_eval.data.images import Image
+from elf_eval.data.images import Image, ImageRef
 from elf_eval.errors import EvalError, reason
 from elf_eval.features import LocalFeatures
 from elf_eval.spec import Spec
@@ -45,6 +46,16 @@ class Precomputed(Method):
         self._suffix = "" if self._is_h5 else spec.take("suffix", str, ".npz")
         self.fingerprint = f"{spec.kind} {self._path.resolve()} {self._suffix} {self._frame}"
 
+    def check(self, refs: Sequence[ImageRef]) -> None:
+        names = [ref.name for ref in refs]
+        there = self._groups(names) if self._is_h5 else {name for name in names if self._file(name).is_file()}
+        missing = [name for name in names if name not in there]
+        if missing:
+            name = missing[0]
+            where = f"{self._path}:{name}" if self._is_h5 else self._file(name)
+            more = f", nor of {len(missing) - 1} others of {len(refs)} images" if len(missing) > 1 else ""
+            raise EvalError(f"{where}: no features of {name}{more}")
+
     def extract(self, image: Image, limit: int) -> LocalFeatures:
         where, data = self._read_h5(image) if self._is_h5 else self._read_npz(image)
         if "keypoints" not in data:
@@ -67,23 +78,36 @@ class Precomputed(Method):
             raise EvalError(f"{where}: {error}") from error
 
     def _read_npz(self, image: Image) -> tuple[Path, Mapping[str, Any]]:
-        path = self._path / (image.name + self._suffix)
+        path = self._file(image.name)
         try:
             with np.load(path, allow_pickle=False) as file:
                 return path, dict(file)
         except (OSError, ValueError) as error:
             raise EvalError(f"{path}: no features of {image.name}: {reason(error)}") from error
 
+    def _file(self, name: str) -> Path:
+        return self._path / (name + self._suffix)
+
     def _read_h5(self, image: Image) -> tuple[str, Mapping[str, Any]]:
+        where = f"{self._path}:{image.name}"
+        with self._h5() as file:
+            if image.name not in file:
+                raise EvalError(f"{where}: no such group; the file has {list(file)[:5]} ...")
+            return where, {key: np.asarray(value) for key, value in file[image.name].items()}
+
+    def _groups(self, names: Sequence[str]) -> set[str]:
+        """Which of these images the file has a group for."""
+        with self._h5() as file:
+            return {name for name in names if name in file}
+
+    @contextmanager
+    def _h5(self) -> Iterator[Any]:
         try:
             import h5py
         except ImportError as error:
             raise EvalError("h5py, which reads .h5 files, is not installed: pip install h5py") from error
-        where = f"{self._path}:{image.name}"
         try:
             with h5py.File(self._path, "r") as file:
-                if image.name not in file:
-                    raise EvalError(f"{where}: no such group; the file has {list(file)[:5]} ...")
-                return where, {key: np.asarray(value) for key, value in file[image.name].items()}
+                yield file
         except OSError as error:
             raise EvalError(f"{self._path}: not an HDF5 file: {reason(error)}") from error

@@ -6,6 +6,7 @@ import numpy as np
 
 from elf_eval.coordinates import Float
 from elf_eval.data.truth import Pose
+from elf_runtime.checks.greedy import greedy_matching
 
 from .family import FeaturePair, MetricFamily, Record
 
@@ -50,24 +51,42 @@ def epipolar_distances(p1: Float, p2: Float, fundamental: Float) -> Float:
         return np.asarray(np.sqrt((squared[0] + squared[1]) / 2.0))
 
 
+def epipolar_matching_score(pair: FeaturePair, fundamental: Float) -> float:
+    """The paper's matching score with a line in the place of the point: for pairs without depth.
+
+    |matches of the greedy one-to-one matching of all descriptors, within `eps` px of the true epipolar lines| /
+    min(N1, N2).  It is above the score by depth wherever a wrong match lies along its line by chance, and below where
+    keypoints are out of the other image's sight, which nobody knows here.
+    """
+    fewest = min(len(pair.first.features), len(pair.second.features))
+    if not fewest:
+        return 0.0
+    first, second = greedy_matching(pair.descriptor_distance).T
+    p1 = pair.first.features.keypoints[first].astype(np.float64)
+    p2 = pair.second.features.keypoints[second].astype(np.float64)
+    return float((epipolar_distances(p1, p2, fundamental) <= pair.protocol.eps).sum()) / fewest
+
+
 def _measure(pair: FeaturePair) -> Record:
     assert pair.truth.pose is not None
     if not pair.truth.pose.translation.any():
         return {}
-    distances = epipolar_distances(*pair.matched_points, fundamental_matrix(pair.truth.pose))
+    fundamental = fundamental_matrix(pair.truth.pose)
+    distances = epipolar_distances(*pair.matched_points, fundamental)
     right = {t: int((distances <= t).sum()) for t in EPIPOLAR_THRESHOLDS}
     near = distances[distances <= _MEDIAN_WITHIN]
     return {
         **{f"epi_right@{t}": count for t, count in right.items()},
         **{f"epi@{t}": count / max(len(distances), 1) for t, count in right.items()},
         EPIPOLAR_ERROR: float(np.median(near)) if len(near) else None,
+        "epi_ms": epipolar_matching_score(pair, fundamental),
     }
 
 
 EPIPOLAR = MetricFamily(
     _measure,
     counts=tuple(f"epi_right@{t}" for t in EPIPOLAR_THRESHOLDS),
-    shares=tuple(f"epi@{t}" for t in EPIPOLAR_THRESHOLDS),
+    shares=(*(f"epi@{t}" for t in EPIPOLAR_THRESHOLDS), "epi_ms"),
     error=EPIPOLAR_ERROR,
     truth="pose",
     descriptors=True,

@@ -36,10 +36,13 @@ def pair_metrics(first: ImageFeatures, second: ImageFeatures, truth: Truth, prot
     h_inliers             of the matches
     pose_error            degrees; None where no pose was found
     pose_auc@5, @10, @20  area under the recall curve of the pose error up to so many degrees
+    pose_right@5 ... @25  whether the pose error is below so many degrees: their mean over thresholds is the mAP of
+                          the Image Matching challenge of 2019
     pose_inliers          of the matches
     epi_right@1, @3       matches within so many pixels of the true epipolar lines (`epipolar_distances`)
     epi@1, @3             their share of the matches
     epi_median            median distance in pixels of those within 3; None where there is none
+    epi_ms                matching score with a line in the place of the point (`epipolar_matching_score`)
     ====================  =========================================================================
 
     Raises

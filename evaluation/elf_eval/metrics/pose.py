@@ -13,6 +13,8 @@ from .auc import auc
 from .family import FeaturePair, MetricFamily, Record, finite
 
 POSE_THRESHOLDS = (5, 10, 20)  # degrees
+# Of the Image Matching challenge of 2019, whose "mAP" up to 15 degrees is the mean of the shares at 5, 10 and 15.
+MAP_THRESHOLDS = (5, 10, 15, 20, 25)
 
 
 def estimate_pose(
@@ -89,13 +91,17 @@ def _measure(pair: FeaturePair) -> Record:
     pose, inliers = estimate_pose(*pair.matched_points, true.camera1, true.camera2, pair.protocol.pose)
     error = pose_error(pose, true.rotation, true.translation)
     areas = {f"pose_auc@{t}": auc(error, t) for t in POSE_THRESHOLDS}
-    return {"pose_error": finite(error), "pose_inliers": int(inliers.sum()), **areas}
+    below = {f"pose_right@{t}": float(error < t) for t in MAP_THRESHOLDS}
+    return {"pose_error": finite(error), "pose_inliers": int(inliers.sum()), **areas, **below}
 
 
 POSE = MetricFamily(
     _measure,
     counts=("pose_inliers",),
-    shares=tuple(f"pose_auc@{t}" for t in POSE_THRESHOLDS),
+    shares=(
+        *(f"pose_auc@{t}" for t in POSE_THRESHOLDS),
+        *(f"pose_right@{t}" for t in MAP_THRESHOLDS),
+    ),
     error="pose_error",
     truth="pose",
     descriptors=True,

@@ -10,7 +10,7 @@ from elf_eval.metrics.auc import auc_trapezoids
 from elf_eval.metrics.epipolar import EPIPOLAR_ERROR, EPIPOLAR_THRESHOLDS
 from elf_eval.metrics.homography import HOMOGRAPHY_THRESHOLDS
 from elf_eval.metrics.intervals import Estimate
-from elf_eval.metrics.pose import POSE_THRESHOLDS
+from elf_eval.metrics.pose import MAP_THRESHOLDS, POSE_THRESHOLDS
 from elf_eval.run.averages import having, median_error, summarize
 from elf_eval.run.results import PairResult
 
@@ -62,6 +62,15 @@ def _superglue(error: str, thresholds: Sequence[int]) -> Callable[[Pairs], str]:
     return cell
 
 
+def _mean_precision(pairs: Pairs) -> str:
+    """The challenge's mAP up to each threshold: the mean of the shares of poses below it and below those before it."""
+    shares = [summarize(pairs, f"pose_right@{t}") for t in MAP_THRESHOLDS]
+    means = [s.mean for s in shares if s is not None]
+    if len(means) < len(shares):
+        return "-"
+    return " / ".join(f"{100 * sum(means[:n]) / n:.1f}" for n in range(1, len(means) + 1))
+
+
 def _counts(*metrics: str) -> Callable[[Pairs], str]:
     def one(pairs: Pairs, metric: str) -> str:
         value = summarize(pairs, metric)
@@ -99,6 +108,8 @@ COLUMNS = [
     Column("MMA@3", "mma@3", _means("mma@3")),
     *_auc("h", "H", HOMOGRAPHY_THRESHOLDS),
     *_auc("pose", "pose", POSE_THRESHOLDS),
+    Column(f"pose mAP@{' / '.join(map(str, MAP_THRESHOLDS))}", "pose_right@5", _mean_precision),
+    Column("ms by lines", "epi_ms", lambda pairs: percent(summarize(pairs, "epi_ms"))),
     Column(f"epi@{_EPI}", "epi@1", _means(*(f"epi@{t}" for t in EPIPOLAR_THRESHOLDS))),
     Column(f"right within {_EPI} px", "epi@1", _counts(*(f"epi_right@{t}" for t in EPIPOLAR_THRESHOLDS))),
     Column("epi median, px", "epi@1", _median(EPIPOLAR_ERROR)),

@@ -84,20 +84,40 @@ def _facts(results: Results, command: str) -> list[str]:
             "scenes. As SuperGlue: slopes join the sorted errors of all pairs together, as in its authors' code and in "
             "most papers since; compare published figures with this one."
         )
+    if "pose_right@5" in known:
+        facts.append(
+            "mAP: as the Image Matching challenge of 2019 has it, the mean of the shares of pairs whose pose error is "
+            "below 5, 10, ... degrees, up to the one named. It is never smaller than the AUC."
+        )
     if EPIPOLAR_ERROR in known:
         facts.append(
             "Epipolar distance of a match: the root mean square of its two points' distances to each other's true "
             "epipolar lines (the symmetric distance of Hartley and Zisserman, 11.10). epi@: the share of the matches "
             "within so many px, and right their mean number. The median is over a pair's matches within 3 px, then "
-            "over all pairs, of which one without any counts as infinite."
+            "over all pairs, of which one without any counts as infinite. ms by lines: matches of the paper's greedy "
+            f"matching within {p['eps']:g} px of the lines, over the fewer keypoints of the pair; some lie there by "
+            "chance, and no keypoint is left out for being out of sight, so it is not the ms by depth."
         )
     if any(m["paper"] for m in results.methods):
         facts.append("The paper's columns: rep / ms; -: it has no such row; not given: its figure is not known here.")
     facts.append("Versions: " + ", ".join(f"{name} {version}" for name, version in results.versions.items()) + ".")
     if not plots.available():
         facts.append("Plots are left out: matplotlib is not installed (it is in the extra 'eval').")
+    facts += [_published(d) for d in results.datasets if _differs(d)]
     facts += [f"Not measured: {s['name']}: {s['reason']}." for s in results.skipped]
     return facts
+
+
+def _differs(dataset: Mapping[str, Any]) -> bool:
+    return any(dataset[what] != count for what, count in dataset.get("published", {}).items())
+
+
+def _published(dataset: Mapping[str, Any]) -> str:
+    theirs = ", ".join(f"{count} {what}" for what, count in dataset["published"].items())
+    return (
+        f"{dataset['name']}: {dataset['pairs']} pairs of {dataset['scenes']} scenes here, {theirs} in the paper: its "
+        "columns are for orientation."
+    )
 
 
 def _ratios(results: Results) -> str:

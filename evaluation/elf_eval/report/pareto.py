@@ -42,6 +42,8 @@ _NAMES = {
     "mma": ("MMA", "matches within {} px of the truth"),
     "h_auc": ("H AUC", "homography AUC up to {} px"),
     "pose_auc": ("pose AUC", "pose AUC up to {} degrees"),
+    "pose_right": ("pose right", "poses within {} degrees"),
+    "epi_ms": ("ms by lines", "matching score by epipolar lines"),
     "epi": ("epi", "matches within {} px of their epipolar lines"),
 }
 

@@ -33,7 +33,8 @@ def write_pictures(suite: Suite, results: Results, folder: Path, resources: Reso
     cache = FeatureCache(resources.cache)
     specs = {entry.name: entry.spec for entry in suite.datasets}
     measured = {m["name"] for m in results.methods}
-    for entry in suite.pictures:
+    there = {d["name"] for d in results.datasets}
+    for entry in (picture for picture in suite.pictures if picture.dataset in there):
         pair = open_dataset(suite.expand(specs[entry.dataset])).pair(entry.pair)
         for method_entry in suite.methods:
             name = method_entry.name

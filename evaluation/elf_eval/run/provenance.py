@@ -51,6 +51,7 @@ def about_dataset(entry: DatasetEntry, dataset: Dataset, size: Size | None) -> d
         "scenes": len(dataset.scenes()),
         "images": len(refs),
         "sha256": sha.hexdigest(),
+        "published": entry.published,
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,13 +73,11 @@ def run(suite: Suite, resources: Resources, log: Path | None = None, scenes: Col
         If a dataset or method can't be opened, a picture is of a pair or a group of scenes that no dataset has, or an
         image or pair can't be evaluated.
     """
-    datasets = [(entry, _dataset(suite, entry)) for entry in suite.datasets]
-    _check_pictures(suite, {entry.name: dataset for entry, dataset in datasets})
-    suite.check_groups({scene for _, dataset in datasets for scene in dataset.scenes()})
+    datasets, absent = open_datasets(suite)
     if scenes is not None:
         datasets = [(entry, dataset.only(scenes)) for entry, dataset in datasets]
-    methods, skipped = _usable(suite, resources)
     refs = list(dict.fromkeys(ref for _, dataset in datasets for ref in dataset.images()))
+    methods, skipped = _usable(suite, resources, refs)
     features = _extract(suite, [method.entry for method in methods], refs, resources)
     finished = PairLog(log)
     pairs: list[PairResult] = []
@@ -92,7 +90,7 @@ def run(suite: Suite, resources: Resources, log: Path | None = None, scenes: Col
         methods=[
             about_method(m.entry, m.fingerprint, m.protocol.ratio, _seconds(features, m.entry.name)) for m in methods
         ],
-        skipped=skipped,
+        skipped=[*absent, *skipped],
         datasets=[about_dataset(entry, dataset, suite.protocol.size) for entry, dataset in datasets],
         versions=versions(),
         created=now(),
@@ -105,29 +103,49 @@ def _seconds(features: Features, method: str) -> list[float]:
     return [done.seconds for (name, _), done in features.items() if name == method]
 
 
-def _dataset(suite: Suite, entry: DatasetEntry) -> Dataset:
-    try:
-        return open_dataset(suite.expand(entry.spec))
-    except EvalError as error:
-        raise EvalError(f"{error}{suite.origin(entry)}") from error
+def open_datasets(suite: Suite) -> tuple[list[tuple[DatasetEntry, Dataset]], list[dict[str, str]]]:
+    """The suite's datasets with their entries; the optional ones that can't be opened, with the reasons.
+
+    Raises
+    ------
+    EvalError
+        If another can't be opened, or none is left; if a picture is of a pair or a group of scenes that none has.
+    """
+    opened, absent = [], []
+    for entry in suite.datasets:
+        try:
+            opened.append((entry, open_dataset(suite.expand(entry.spec))))
+        except EvalError as error:
+            if not entry.optional:
+                raise EvalError(f"{error}{suite.origin(entry)}") from error
+            absent.append({"name": entry.name, "reason": suite.unexpand(str(error))})
+            print(f"left out: dataset {entry.name!r}: {error}{suite.origin(entry)}", file=sys.stderr)
+    if not opened:
+        raise EvalError("\n".join(["none of the datasets is there", *(a["reason"] for a in absent)]))
+    _check_pictures(suite, {entry.name: dataset for entry, dataset in opened})
+    suite.check_groups({scene for _, dataset in opened for scene in dataset.scenes()})
+    return opened, absent
 
 
 def _check_pictures(suite: Suite, datasets: Mapping[str, Dataset]) -> None:
     for picture in suite.pictures:
+        if picture.dataset not in datasets:  # optional, and not there
+            continue
         try:
             datasets[picture.dataset].pair(picture.pair)
         except EvalError as error:
             raise EvalError(f"picture {picture.pair!r}: {error}") from error
 
 
-def _usable(suite: Suite, resources: Resources) -> tuple[list[_Usable], list[dict[str, str]]]:
-    """The methods that can be opened; the optional ones that can't, with the reasons."""
+def _usable(suite: Suite, resources: Resources, refs: Sequence[ImageRef]) -> tuple[list[_Usable], list[dict[str, str]]]:
+    """The methods that can be opened and have all they need of the images; the optional ones without, with reasons."""
     usable, skipped = [], []
     failed: list[str] = []
     left_out: list[str] = []
     for entry in suite.methods:
         try:
             method = open_methods(*suite.texts(entry), resources.threads)
+            method.check(refs)
             usable.append(_Usable(entry, method.fingerprint, method.protocol(suite.protocol)))
         except EvalError as error:
             lines = left_out if entry.optional else failed

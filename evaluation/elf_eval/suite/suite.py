@@ -1,25 +1,15 @@
-"""A suite: methods, datasets, protocol, and the tables and pictures to make of them; from TOML."""
+"""A suite: methods, datasets, protocol, and the tables and pictures to make of them."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
 
-from elf_eval.errors import EvalError, reason
+from elf_eval.errors import EvalError
 from elf_eval.protocol import Protocol
-from elf_runtime.errors import shortened
-from elf_runtime.plain import read_value
 
 from . import variables
 from .paper import PAPER, TABLES
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 
 @dataclass(frozen=True)
@@ -54,10 +44,25 @@ class MethodEntry:
 
 @dataclass(frozen=True)
 class DatasetEntry:
-    """A dataset, and the name that it has in the tables."""
+    """A dataset, and the name that it has in the tables.
+
+    Attributes
+    ----------
+    name, spec : str
+    optional : bool
+        Where it can't be opened, leave it out, and say why in the report.
+    published : mapping
+        How many "pairs" and "scenes" the paper's figures are over, where known; the report says where ours differ.
+    """
 
     name: str
     spec: str
+    optional: bool = False
+    published: dict[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if unknown := set(self.published) - {"pairs", "scenes"}:
+            raise EvalError(f"dataset {self.name!r}: published has pairs and scenes, not {sorted(unknown)}")
 
 
 @dataclass(frozen=True)
@@ -69,7 +74,7 @@ class TableEntry:
     plot : "bars", "curves" (over the pairs' parameter) or "mma"
     note : str
         A paragraph above the table.
-    paper : "generic" or "gradients", optional
+    paper : a name of `paper.TABLES`, optional
         The paper's table whose other rows, those that ours has no method for, stand below, once for each dataset.
     """
 
@@ -155,68 +160,6 @@ class Suite:
         for group, names in self.groups.items():
             if not set(names) & set(scenes):
                 raise EvalError(f"[groups] {group}: none of {names} is in the datasets; there are {sorted(scenes)}")
-
-    @classmethod
-    def load(cls, path: Path) -> Suite:
-        """From a TOML file: ``[protocol]``, ``[variables]``, ``[[method]]``, ``[[dataset]]``, ``[[table]]``,
-        ``[[picture]]``, ``[groups]``, ``title`` and ``note``.
-
-        Raises
-        ------
-        EvalError
-            Naming the file and the entry.
-        """
-        try:
-            with open(path, "rb") as file:
-                data: dict[str, Any] = tomllib.load(file)
-        except OSError as error:
-            raise EvalError(f"{path}: {reason(error)}") from error
-        except ValueError as error:
-            raise EvalError(f"{path}: not a TOML file: {error}") from error
-        known = {*_ENTRIES, *_TEXTS, *_MAPPINGS, "protocol"}
-        if unknown := set(data) - known:
-            raise EvalError(f"{path}: unknown {sorted(unknown)}; known are {sorted(known)}")
-        try:
-            data = {"method": [], "dataset": [], **data}
-            return cls(**{f"{key}s" if key in _ENTRIES else key: _part(key, data[key]) for key in data})
-        except EvalError as error:
-            raise EvalError(f"{path}: {error}") from error
-
-
-# What a suite's file holds, by its names there.
-_ENTRIES = {"method": MethodEntry, "dataset": DatasetEntry, "table": TableEntry, "picture": PictureEntry}
-_TEXTS = ("title", "note")
-_MAPPINGS: dict[str, Any] = {"variables": dict[str, str], "groups": dict[str, list[str]]}
-
-
-def _part(key: str, value: Any) -> Any:
-    """What a suite has under one name of its file."""
-    if key in _ENTRIES:
-        if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
-            raise EvalError(f"{key}: a suite has [[{key}]] above each, not {_shown(value)}")
-        return [_read(_ENTRIES[key], entry, _place(key, number, entry)) for number, entry in enumerate(value, start=1)]
-    if key in _TEXTS:
-        return _read(str, value, key)
-    if not isinstance(value, dict):
-        raise EvalError(f"{key}: a suite has [{key}] above its lines, not {_shown(value)}")
-    return Protocol.from_dict(value) if key == "protocol" else _read(_MAPPINGS[key], value, f"[{key}]")
-
-
-def _place(key: str, number: int, entry: Mapping[str, Any]) -> str:
-    """Which entry it is: by its number, and its name or title where it has one."""
-    name = entry.get("name", entry.get("title"))
-    return f"[[{key}]] {number}" + (f" ({name!r})" if isinstance(name, str) else "")
-
-
-def _read(kind: Any, value: Any, place: str) -> Any:
-    try:
-        return read_value(kind, value)
-    except ValueError as error:
-        raise EvalError(f"{place}: {error}") from error
-
-
-def _shown(value: object) -> str:
-    return shortened(repr(value), 100)
 
 
 def _unique(names: list[str], what: str) -> set[str]:

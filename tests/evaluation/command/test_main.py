@@ -62,7 +62,7 @@ def test_the_system_s_errors_name_the_file_once(command, results, tmp_path, caps
     assert error_of(redraw, capsys) == [f"{missing}.json: No such file or directory"]
     (tmp_path / "d" / "i_light").mkdir(parents=True)
     (line,) = error_of([*command, "--detector", f"npz:{tmp_path / 'd'}"], capsys)
-    assert line.endswith("1.png.npz: no features of i_light/1.png: No such file or directory")
+    assert line.endswith("1.png.npz: no features of i_light/1.png, nor of 5 others of 6 images")
     (tmp_path / "i" / "1.png").mkdir(parents=True)
     (tmp_path / "i" / "i_light").write_text("in the way")
     assert error_of(["images", command[2], "--out", str(tmp_path / "i")], capsys) == [

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from loops import greedy
 
 from elf_eval.data.truth import Calibrated, Pose, WorkingTruth
 from elf_eval.features import ImageFeatures, LocalFeatures
@@ -132,3 +133,25 @@ def test_no_match_near_its_line_has_no_median():
     for record in (far, none):
         assert record["epi_median"] is None
         assert record["epi_right@3"] == record["epi@3"] == 0
+
+
+def test_the_matching_score_by_lines_is_that_of_plain_loops(world, rng):
+    p1, p2 = projected(world)
+    p1, p2 = (np.asarray(p, np.float32) for p in (p1[:40], p2[:30] + rng.normal(0, 4, (30, 2))))
+    d1, d2 = rng.normal(size=(40, 3)).astype(np.float32), rng.normal(size=(30, 3)).astype(np.float32)
+    d2[:20] = d1[:20] + 0.05
+    images = [
+        ImageFeatures(LocalFeatures.build(p, -np.arange(len(p)), d), (640, 480), np.eye(3), 0.0)
+        for p, d in ((p1, d1), (p2, d2))
+    ]
+    truth = WorkingTruth(pose=POSE)
+    found = EPIPOLAR.measure(FeaturePair(*images, truth, Protocol(eps=5.0)))["epi_ms"]
+    look = [[math.dist([float(v) for v in a], [float(v) for v in b]) for b in d2] for a in d1]
+    near = 0
+    for i, j in greedy(look):
+        (distance,) = epipolar_distances(p1[i : i + 1], p2[j : j + 1], fundamental_matrix(POSE))
+        near += distance <= 5.0
+    assert found == pytest.approx(near / 30)
+    assert 0.2 < found < 0.9
+    images[1] = ImageFeatures(LocalFeatures.build(np.zeros((0, 2)), 0.0, np.zeros((0, 3))), (640, 480), np.eye(3), 0.0)
+    assert EPIPOLAR.measure(FeaturePair(*images, truth, Protocol()))["epi_ms"] == 0.0

@@ -95,3 +95,15 @@ def test_the_paper_s_other_rows_stand_there_once():
     own, equal = build(results(pairs, "SIFT", counts=("own", "equal")), TableEntry("All", paper="generic"))
     assert (len(own.rows), len(equal.rows)) == (14, 1)
     assert own.header == equal.header
+
+
+def test_the_challenge_s_map_is_the_mean_of_the_shares_up_to_each_threshold():
+    errors = (3.0, 12.0, 12.0, math.inf)
+    pairs = [
+        pair("a", n, {**POSED, **{f"pose_right@{t}": float(e < t) for t in (5, 10, 15, 20, 25)}})
+        for n, e in enumerate(errors, start=1)
+    ]
+    (table,) = build(results(pairs), TableEntry("All"))
+    cell = table.rows[0][table.header.index("pose mAP@5 / 10 / 15 / 20 / 25")]
+    # 1/4, then 1/4, then 3/4 three times; the mAP up to 15 is (1/4 + 1/4 + 3/4) / 3.
+    assert cell == "25.0 / 25.0 / 41.7 / 50.0 / 55.0"

@@ -8,6 +8,7 @@ import pytest
 from command_line import error_of, write_suite
 
 from elf_eval.cli import main
+from elf_eval.suite.file import load_suite
 from elf_eval.suite.suite import DatasetEntry, MethodEntry, Suite
 
 
@@ -85,3 +86,66 @@ def test_a_group_of_an_unknown_scene_is_refused_before_any_work(hpatches_folder,
 def test_an_empty_variable_is_not_put_into_texts():
     entries = [MethodEntry("a", "sift")], [DatasetEntry("d", "x")]
     assert Suite(*entries, variables={"E": "", "F": "models"}).unexpand("models/a") == "${F}/a"
+
+
+PART = """
+note = "Weights."
+[variables]
+MODELS = "models"
+[protocol]
+eps = 3
+count_floor = 10
+[[method]]
+name = "a"
+detector = "sift"
+[[method]]
+name = "b"
+detector = "orb"
+[[table]]
+title = "All"
+"""
+
+
+def test_an_included_file_comes_first_and_the_own_one_goes_before(tmp_path):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "p.toml").write_text(PART)
+    (tmp_path / "s.toml").write_text(
+        "title = 'T'\nnote = 'Data.'\ninclude = ['parts/p.toml']\n[variables]\nDATA = 'd'\n[protocol]\neps = 5\n"
+        "[[dataset]]\nname = 'd'\nspec = 'x'\n[[method]]\nname = 'c'\ndetector = 'fast'\n"
+        "[[method]]\nname = 'a'\ndetector = 'kaze'\n[[table]]\ntitle = 'All'\nplot = 'mma'\n"
+    )
+    suite = load_suite(tmp_path / "s.toml")
+    assert [(m.name, m.detector) for m in suite.methods] == [("a", "kaze"), ("b", "orb"), ("c", "fast")]
+    assert (suite.title, suite.note) == ("T", "Data.\n\nWeights.")
+    assert (suite.protocol.eps, suite.protocol.count_floor) == (5, 10)
+    assert suite.variables == {"MODELS": "models", "DATA": "d"}
+    assert [t.plot for t in suite.tables] == ["mma"]
+
+
+def test_an_error_names_the_included_file_and_a_circle_ends(tmp_path, capsys):
+    part, own = tmp_path / "p.toml", tmp_path / "s.toml"
+    own.write_text(f"include = ['p.toml']\n{METHOD}{DATASET}")
+    part.write_text("[protocol]\nspeed = 3")
+    (line,) = error_of(["run", str(own), "--out", str(tmp_path / "o")], capsys)
+    assert line.startswith(f"{part}: protocol: unknown 'speed'")
+    part.write_text("include = ['s.toml']")
+    (line,) = error_of(["run", str(own), "--out", str(tmp_path / "o")], capsys)
+    assert line.endswith("it includes itself")
+    part.unlink()
+    (line,) = error_of(["run", str(own), "--out", str(tmp_path / "o")], capsys)
+    assert line.startswith(f"{part}: ")
+
+
+def test_only_optional_datasets_may_be_absent(hpatches_folder, tmp_path, capsys):
+    there = f"[[dataset]]\nname = 'two'\nspec = 'hpatches:{hpatches_folder}'\n"
+    path, rest = tmp_path / "s.toml", ["--out", str(tmp_path / "o"), "--quiet", "--size", "160x120"]
+    path.write_text(f"{METHOD}{there}{DATASET}optional = true\n")
+    assert main(["run", str(path), *rest, "--cache", str(tmp_path / "c")]) == 0
+    assert "Not measured: d: hpatches:nowhere: no such folder" in (tmp_path / "o" / "s" / "README.md").read_text()
+    path.write_text(f"{METHOD}{DATASET}optional = true\n")
+    capsys.readouterr()
+    lines = error_of(["run", str(path), *rest], capsys)
+    assert "none of the datasets is there" in lines[1]
+    path.write_text(f"{METHOD}{there}published = {{ images = 3 }}\n")
+    (line,) = error_of(["run", str(path), *rest], capsys)
+    assert "published has pairs and scenes, not ['images']" in line
