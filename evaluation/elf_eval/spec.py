@@ -30,6 +30,8 @@ class Spec:
         Those that nobody has taken yet.  `finish` refuses what is left, so no setting is dropped in silence.
     known : list of str
         Names of the options that were asked for.
+    shared : bool
+        Whether a model is to be opened once for all its settings, which share what its network gives for an image.
     """
 
     text: str
@@ -37,6 +39,7 @@ class Spec:
     argument: str
     options: dict[str, str]
     known: list[str] = field(default_factory=list)
+    shared: bool = False
 
     @classmethod
     def parse(cls, text: str) -> Spec:

@@ -26,6 +26,12 @@ def add_parser(commands: Subcommands) -> None:
     )
     parser.add_argument("--dataset", required=True, help="kind:FOLDER[?option=value&...]")
     parser.add_argument("--tune", help="comma-separated scenes to choose on; by default every second one")
+    parser.add_argument(
+        "--beside",
+        action="append",
+        default=[],
+        help="reported with the best but not chosen from: elf:FILE.onnx?preset=paper; may be repeated",
+    )
     parser.add_argument("--metric", default="ms", help="what to choose by (%(default)s)")
     parser.add_argument("--top", type=positive, default=5, help="report so many (%(default)s)")
     parser.add_argument("--limit", type=positive, help="try only so many settings, drawn at random")
@@ -38,6 +44,8 @@ def add_parser(commands: Subcommands) -> None:
 def _sweep(args: argparse.Namespace) -> None:
     texts = grid_methods(args.model, parse_grid(args.grid), args.limit, args.seed)
     tune = args.tune.split(",") if args.tune else None
-    found = sweep(texts, args.dataset, args.metric, args.top, protocol(args, Protocol()), resources(args), tune)
+    found = sweep(
+        texts, args.dataset, args.metric, args.top, protocol(args, Protocol()), resources(args), tune, args.beside
+    )
     print(f"{len(texts)} settings; the last line is the reference of the gain")
     print(sweep_table(found, args.metric))

@@ -10,12 +10,13 @@ import onnxruntime
 from elf_eval.data.images import Image
 from elf_eval.errors import EvalError
 from elf_eval.features import LocalFeatures
-from elf_eval.fingerprint import code_digest, file_digest
+from elf_eval.fingerprint import code_digest
 from elf_eval.spec import Spec
 from elf_runtime import ElfError, ElfRuntime, SettingError
 from elf_runtime.model.bundled import BUNDLED, bundled_model
 
 from .method import Method
+from .shared_maps import shared_runtime
 
 # What leads from pixels to features, for the fingerprint; commands, pictures and checks don't.
 CODE = (
@@ -39,16 +40,16 @@ class Elf(Method):
         self._descriptor = spec.take("descriptor", str, None) or None
         self._settings = spec.settings()
         try:
-            self._runtime = ElfRuntime(path, threads=threads)
+            self._runtime = shared_runtime(path, threads) if spec.shared else ElfRuntime(path, threads=threads)
             params = self._runtime.params(self._preset, **self._settings)
             self._runtime.contract.descriptor(self._descriptor)
         except (ElfError, SettingError) as error:
             raise EvalError(f"{spec.text}: {error}") from error
         self._params = params
-        self.fingerprint = json.dumps(
-            ["elf", file_digest(path), self._descriptor, params.to_dict(), code_digest(*CODE), onnxruntime.__version__],
-            sort_keys=True,
-        )
+        parts = ["elf", self._runtime.sha256, self._descriptor, params.to_dict()]
+        # The cache holds times too, and those of shared maps are of the first method alone.
+        parts += [code_digest(*CODE), onnxruntime.__version__, *(["shared"] if spec.shared else [])]
+        self.fingerprint = json.dumps(parts, sort_keys=True)
 
     def extract(self, image: Image, limit: int) -> LocalFeatures:
         changes = {**self._settings, "max_keypoints": min(limit, self._settings.get("max_keypoints", limit))}

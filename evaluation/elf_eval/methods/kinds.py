@@ -35,12 +35,13 @@ METHODS: Mapping[str, Factory] = MappingProxyType(
 )
 
 
-def open_method(text: str, threads: int | None = None) -> Method:
+def open_method(text: str, threads: int | None = None, shared: bool = False) -> Method:
     """The method that a text such as ``elf:vgg.onnx?preset=paper`` names.
 
     ``plugin:package.module.factory?...`` calls ``factory(spec, threads)`` of a module that can be imported.  The
     factory takes its options from the spec (`Spec.take`) and returns a `Method`.  Every kind has the option
-    ``ratio=0.8``, of the method's matches (`Method.ratio`).
+    ``ratio=0.8``, of the method's matches (`Method.ratio`).  `shared` is for many settings of few models: each model is
+    opened once, and what its network gives for an image is computed once, while images are taken one after the other.
 
     Raises
     ------
@@ -48,6 +49,7 @@ def open_method(text: str, threads: int | None = None) -> Method:
         On an unknown kind or option, a missing file, a library that lacks the method, or a plugin that fails.
     """
     spec = Spec.parse(text)
+    spec.shared = shared
     ratio = spec.take("ratio", _ratio, None)
     factory = _plugin(spec) if spec.kind == "plugin" else METHODS.get(spec.kind)
     if factory is None:
@@ -64,12 +66,14 @@ def _ratio(text: str) -> float:
     return checked_ratio(float(text))
 
 
-def open_methods(detector: str, descriptor: str | None = None, threads: int | None = None) -> Method:
+def open_methods(
+    detector: str, descriptor: str | None = None, threads: int | None = None, shared: bool = False
+) -> Method:
     """A detector with its own descriptors, or with those of another method where `descriptor` names one."""
-    first = open_method(detector, threads)
+    first = open_method(detector, threads, shared)
     if descriptor is None or descriptor == detector:
         return first
-    return Composed(first, open_method(descriptor, threads))
+    return Composed(first, open_method(descriptor, threads, shared))
 
 
 def _plugin(spec: Spec) -> Factory:

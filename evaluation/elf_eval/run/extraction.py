@@ -16,7 +16,13 @@ from .cache import FeatureCache
 
 @dataclass(frozen=True)
 class Extraction:
-    """One method on one image, as plain data that can be sent to another process."""
+    """One method on one image, as plain data that can be sent to another process.
+
+    Attributes
+    ----------
+    shared : bool
+        See `methods.open_method`.
+    """
 
     detector: str
     descriptor: str | None
@@ -24,6 +30,7 @@ class Extraction:
     ref: ImageRef
     protocol: Protocol
     cache: Path
+    shared: bool = False
 
 
 @dataclass(frozen=True)
@@ -36,17 +43,19 @@ class CachedFeatures:
     seconds: float
 
 
-_open: dict[tuple[str, str | None, int | None], Method] = {}
+_open: dict[tuple[str, str | None, int | None, bool], Method] = {}
 
 
 def extract_features(extraction: Extraction) -> CachedFeatures:
     """Put the features into the cache.
 
-    A worker keeps the method of its last extraction open and no other, so that its memory does not grow.
+    A worker keeps the method of its last extraction open and no other, so that its memory does not grow; methods that
+    share their models are small, and stay.
     """
-    key = (extraction.detector, extraction.descriptor, extraction.threads)
+    key = (extraction.detector, extraction.descriptor, extraction.threads, extraction.shared)
     if key not in _open:
-        _open.clear()
+        if not extraction.shared:
+            _open.clear()
         _open[key] = open_methods(*key)
     ref = extraction.ref
     try:

@@ -56,7 +56,13 @@ class Resources:
     quiet: bool = False
 
 
-def run(suite: Suite, resources: Resources, log: Path | None = None, scenes: Collection[str] | None = None) -> Results:
+def run(
+    suite: Suite,
+    resources: Resources,
+    log: Path | None = None,
+    scenes: Collection[str] | None = None,
+    shared: bool = False,
+) -> Results:
     """Evaluate every method of `suite` on every pair of its datasets.
 
     Parameters
@@ -66,6 +72,9 @@ def run(suite: Suite, resources: Resources, log: Path | None = None, scenes: Col
         interrupted goes on from it.
     scenes : names, optional
         Only the pairs of these scenes.
+    shared : bool
+        The methods are settings of few models: every image goes through each network once, and then through them all.
+        The results' times are then not those of each method.
 
     Raises
     ------
@@ -77,8 +86,8 @@ def run(suite: Suite, resources: Resources, log: Path | None = None, scenes: Col
     if scenes is not None:
         datasets = [(entry, dataset.only(scenes)) for entry, dataset in datasets]
     refs = list(dict.fromkeys(ref for _, dataset in datasets for ref in dataset.images()))
-    methods, skipped = _usable(suite, resources, refs)
-    features = _extract(suite, [method.entry for method in methods], refs, resources)
+    methods, skipped = _usable(suite, resources, refs, shared)
+    features = _extract(suite, [method.entry for method in methods], refs, resources, shared)
     finished = PairLog(log)
     pairs: list[PairResult] = []
     for entry, dataset in datasets:
@@ -137,14 +146,16 @@ def _check_pictures(suite: Suite, datasets: Mapping[str, Dataset]) -> None:
             raise EvalError(f"picture {picture.pair!r}: {error}") from error
 
 
-def _usable(suite: Suite, resources: Resources, refs: Sequence[ImageRef]) -> tuple[list[_Usable], list[dict[str, str]]]:
+def _usable(
+    suite: Suite, resources: Resources, refs: Sequence[ImageRef], shared: bool
+) -> tuple[list[_Usable], list[dict[str, str]]]:
     """The methods that can be opened and have all they need of the images; the optional ones without, with reasons."""
     usable, skipped = [], []
     failed: list[str] = []
     left_out: list[str] = []
     for entry in suite.methods:
         try:
-            method = open_methods(*suite.texts(entry), resources.threads)
+            method = open_methods(*suite.texts(entry), resources.threads, shared)
             method.check(refs)
             usable.append(_Usable(entry, method.fingerprint, method.protocol(suite.protocol)))
         except EvalError as error:
@@ -160,10 +171,15 @@ def _usable(suite: Suite, resources: Resources, refs: Sequence[ImageRef]) -> tup
     return usable, skipped
 
 
-def _extract(suite: Suite, entries: list[MethodEntry], refs: list[ImageRef], resources: Resources) -> Features:
+def _extract(
+    suite: Suite, entries: list[MethodEntry], refs: list[ImageRef], resources: Resources, shared: bool
+) -> Features:
     keys = [(entry, ref) for entry in entries for ref in refs]
+    if shared:
+        keys = [(entry, ref) for ref in refs for entry in entries]
     extractions = [
-        Extraction(*suite.texts(entry), resources.threads, ref, suite.protocol, resources.cache) for entry, ref in keys
+        Extraction(*suite.texts(entry), resources.threads, ref, suite.protocol, resources.cache, shared)
+        for entry, ref in keys
     ]
     progress = Progress("features", len(extractions), quiet=resources.quiet)
     features: Features = {}

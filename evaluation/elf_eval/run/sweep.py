@@ -67,6 +67,7 @@ def sweep(
     protocol: Protocol,
     resources: Resources,
     tune: list[str] | None = None,
+    beside: Sequence[str] = (),
 ) -> list[Trial]:
     """Rank methods by `metric` on one part of the scenes; measure the `top` and the first on the other part.
 
@@ -74,11 +75,13 @@ def sweep(
     ----------
     texts : sequence of str
         The methods; the first one is the reference.
+    beside : sequence of str
+        Methods that are measured on both parts but take no part in the choice, such as the paper's own settings.
 
     Returns
     -------
     list of Trial
-        The best first, by the scenes where they were chosen; the reference comes last.
+        The best first, by the scenes where they were chosen; then those beside, and the reference last.
 
     Raises
     ------
@@ -92,13 +95,15 @@ def sweep(
     known = dict.fromkeys(name for pair in opened.pairs for name in metric_names(pair.truth))
     check_metrics([metric], known, f"a run on {dataset} has")
     chosen, rest = split(opened.scenes(), tune)
-    tuned = _run(texts, dataset, protocol, resources, chosen)
-    scores = {text: summarize(tuned.of(_DATASET, text, "own"), metric) for text in texts}
+    apart = [text for text in dict.fromkeys(beside) if text not in texts]
+    tuned = _run([*texts, *apart], dataset, protocol, resources, chosen)
+    scores = {text: summarize(tuned.of(_DATASET, text, "own"), metric) for text in [*texts, *apart]}
     measured = {text: score for text, score in scores.items() if score is not None}
     if not measured:
         raise EvalError(f"no pair of {dataset} has the metric {metric!r}")
-    best = sorted((text for text in measured if text != texts[0]), key=lambda text: -measured[text].mean)
-    final = [*best[:top], texts[0]]
+    tried = (text for text in measured if text != texts[0] and text not in apart)
+    best = sorted(tried, key=lambda text: -measured[text].mean)
+    final = list(dict.fromkeys([*best[:top], *(text for text in beside if text in measured), texts[0]]))
     reported = _run(final, dataset, protocol, resources, rest)
     reference = scene_means(reported.of(_DATASET, texts[0], "own"), metric)
     found = []
@@ -114,4 +119,5 @@ def sweep(
 
 def _run(texts: Sequence[str], dataset: str, protocol: Protocol, resources: Resources, scenes: list[str]) -> Results:
     methods = [MethodEntry(text, text) for text in texts]
-    return run(Suite(methods, [DatasetEntry(_DATASET, dataset)], protocol=protocol), resources, scenes=scenes)
+    suite = Suite(methods, [DatasetEntry(_DATASET, dataset)], protocol=protocol)
+    return run(suite, resources, scenes=scenes, shared=True)

@@ -6,6 +6,11 @@ import pytest
 from command_line import error_of
 
 from elf_eval.cli import main
+from elf_eval.data import open_dataset
+from elf_eval.methods import open_method
+from elf_eval.methods.shared_maps import shared_runtime
+from elf_runtime.model.network import Network
+from helpers import TINY
 
 
 def test_sweep_chooses_on_some_scenes_and_reports_on_others(hpatches_folder, tmp_path, capsys):
@@ -56,3 +61,52 @@ def test_a_sweep_by_equal_counts_alone_is_refused_before_any_work(hpatches_folde
     where = ["--model", "sobel", "--dataset", f"hpatches:{hpatches_folder}", "--cache", str(tmp_path / "c")]
     (line,) = error_of(["sweep", *where, "--counts", "equal"], capsys)
     assert line == "a sweep chooses by each method's own counts: --counts own, or leave it out"
+
+
+def test_a_sweep_runs_the_network_once_for_each_image(hpatches_folder, tmp_path, monkeypatch, capsys):
+    begun = []
+    run = Network.run
+    monkeypatch.setattr(
+        Network, "run", lambda self, images, *rest, **more: begun.append(1) or run(self, images, *rest, **more)
+    )
+    shared_runtime.cache_clear()
+    model = tmp_path / "tiny.onnx"
+    model.write_bytes(TINY.read_bytes())
+    where = ["--dataset", f"hpatches:{hpatches_folder}", "--size", "160x120", "--quiet", "--top", "1"]
+    grid = ["--grid", "denoise=3..7..2,1..2", "--grid", "border=0"]
+    command = ["sweep", "--model", f"elf:{model}", *grid, *where, "--cache", str(tmp_path / "c")]
+    assert main([*command, "--beside", f"elf:{model}?preset=paper&border=4"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("7 settings")
+    assert [line.split()[-1].rpartition("?")[2] for line in lines[3:-1]] == ["preset=paper&border=4"]
+    assert len(begun) == 6  # images of both halves
+    assert (
+        main(
+            [
+                "run",
+                "--dataset",
+                f"two=hpatches:{hpatches_folder}",
+                "--detector",
+                f"elf:{model}?denoise=3,1&border=0",
+                "--size",
+                "160x120",
+                "--quiet",
+                "--out",
+                str(tmp_path / "o"),
+                "--cache",
+                str(tmp_path / "c"),
+            ]
+        )
+        == 0
+    )
+    assert len(begun) == 12  # features whose times are not their own are nobody else's
+
+
+def test_shared_maps_give_the_same_features(hpatches_folder):
+    image = next(iter(open_dataset(f"hpatches:{hpatches_folder}").images())).open((160, 120))
+    for options in ("denoise=3,1&border=0", "scale=0.5&border=4&denoise=3,1", "denoise=5,2&border=0"):
+        alone, shared = (open_method(f"elf:{TINY}?{options}", 1, shared=how) for how in (False, True))
+        a, b = alone.extract(image, 60), shared.extract(image, 60)
+        assert len(a)
+        assert all((x == y).all() for x, y in zip(vars(a).values(), vars(b).values(), strict=True))
+        assert alone.fingerprint != shared.fingerprint
