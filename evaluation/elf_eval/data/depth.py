@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from elf_eval.coordinates import Float, warp
+from elf_eval.coordinates import Float, Size, warp
 from elf_eval.errors import EvalError, reason
 
 # A point whose depth differs from the other image's depth map by more than this share lies behind something.
@@ -59,13 +60,15 @@ def depth_at(depth: npt.NDArray[np.float32], points: Float) -> Float:
 
 @lru_cache(maxsize=4)
 def read_depth(path: Path) -> npt.NDArray[np.float32]:
-    """(H, W) of a ``.npy`` file.
+    """(H, W) of a ``.npy`` file, or of a ``.bin`` file of COLMAP's dense stereo.
 
     Raises
     ------
     EvalError
         If there is no such array in it.
     """
+    if path.suffix == ".bin":
+        return _read_colmap(path)
     try:
         depth = np.load(path, allow_pickle=False)
     except (OSError, EOFError, ValueError) as error:
@@ -74,3 +77,32 @@ def read_depth(path: Path) -> npt.NDArray[np.float32]:
         found = f"{depth.dtype} {depth.shape}" if isinstance(depth, np.ndarray) else "an archive of arrays"
         raise EvalError(f"{path}: a depth map is numbers of shape (H, W), not {found}")
     return np.asarray(depth, np.float32)
+
+
+def depth_size(path: Path) -> Size:
+    """(width, height) of a depth map's file."""
+    if path.suffix == ".bin":
+        return _colmap_header(path)[0]
+    height, width = read_depth(path).shape
+    return width, height
+
+
+def _colmap_header(path: Path) -> tuple[Size, int]:
+    """(width, height), and where the values begin: ``WIDTH&HEIGHT&1&`` stands before them."""
+    try:
+        with open(path, "rb") as file:
+            head = file.read(64)
+    except OSError as error:
+        raise EvalError(f"{path}: {reason(error)}") from error
+    match = re.match(rb"(\d+)&(\d+)&1&", head)
+    if match is None:
+        raise EvalError(f"{path}: not a depth map of COLMAP's: it does not begin with WIDTH&HEIGHT&1&")
+    return (int(match[1]), int(match[2])), match.end()
+
+
+def _read_colmap(path: Path) -> npt.NDArray[np.float32]:
+    (width, height), begin = _colmap_header(path)
+    values = np.fromfile(path, "<f4", offset=begin)
+    if values.size != width * height:
+        raise EvalError(f"{path}: {values.size} values, and not {width}x{height}")
+    return values.reshape(height, width).astype(np.float32)

@@ -9,6 +9,7 @@ from elf_eval.errors import EvalError
 from elf_eval.spec import Spec
 from elf_runtime.errors import suggestion
 
+from .colmap import colmap
 from .dataset import Dataset
 from .derived import rotation, scale, synthetic
 from .hpatches import hpatches
@@ -24,6 +25,7 @@ DATASETS: Mapping[str, Callable[[Spec], Dataset]] = MappingProxyType(
         "scale": scale,
         "strecha": strecha,
         "pairs": pair_list,
+        "colmap": colmap,
         "synthetic": synthetic,
     }
 )

@@ -107,6 +107,15 @@ def run(
     )
 
 
+def extracted(
+    suite: Suite, refs: Sequence[ImageRef], resources: Resources
+) -> tuple[dict[str, Protocol], Features, list[dict[str, str]]]:
+    """By every method that can be opened, its protocol and the images' features; and which can't, with the reasons."""
+    methods, skipped = _usable(suite, resources, refs, shared=False)
+    features = _extract(suite, [method.entry for method in methods], list(refs), resources, shared=False)
+    return {method.entry.name: method.protocol for method in methods}, features, skipped
+
+
 def _seconds(features: Features, method: str) -> list[float]:
     """Of each image."""
     return [done.seconds for (name, _), done in features.items() if name == method]

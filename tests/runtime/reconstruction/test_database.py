@@ -10,8 +10,7 @@ import pytest
 
 from elf_runtime import Features, Matches, SettingError
 from elf_runtime.reconstruction import Calibration, Camera, shared_cameras, write_database
-
-from .room import K, moved_points
+from room import K, moved_points
 
 pycolmap = pytest.importorskip("pycolmap", reason="pycolmap, of the extra sfm, is not installed")
 

@@ -16,8 +16,7 @@ import pytest
 from elf_runtime.commands import localize, reconstruct
 from elf_runtime.reconstruction import read_model
 from helpers import ROOT, turned_jpeg
-
-from .room import FOCAL, SIZE, Float, K, View, moved, similarity, similarity_error, view, views
+from room import FOCAL, SIZE, Float, K, View, moved, similarity, similarity_error, view, views
 
 pycolmap = pytest.importorskip("pycolmap", reason="pycolmap, of the extra sfm, is not installed")
 

@@ -13,8 +13,7 @@ from elf_runtime import Features
 from elf_runtime.commands import reconstruct
 from elf_runtime.reconstruction import read_model
 from helpers import textured, turned_jpeg
-
-from .room import SIZE, K, views
+from room import SIZE, K, views
 
 pytest.importorskip("pycolmap", reason="pycolmap, of the extra sfm, is not installed")
 
