@@ -1,4 +1,4 @@
-"""The image's Laplacian in a network's place, as `sobel`: the absolute 11x11 Laplacian of the grey image.
+"""The image's Laplacian in a network's place, as `sobel`: the absolute 13x13 Laplacian of the grey image.
 
 A 3x3 Laplacian answers to single pixels, which the paper's blur of 9x9 washes out.
 """
@@ -13,7 +13,7 @@ import torch
 from . import sobel
 from .parts.architecture import Architecture, Maps, Part
 
-LAPLACE_SIZE = 11
+LAPLACE_SIZE = 13
 
 
 def laplace(size: int) -> torch.Tensor:
