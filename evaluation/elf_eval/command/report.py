@@ -9,6 +9,7 @@ from pathlib import Path
 from elf_eval.report.page import write_report
 from elf_eval.run.results import Results
 from elf_eval.suite.file import load_suite
+from elf_eval.suite.suite import Suite
 
 from .options import Subcommands
 from .outputs import check_folder, say_written
@@ -24,12 +25,17 @@ def add_parser(commands: Subcommands) -> None:
     parser.set_defaults(action=_report)
 
 
+def with_rows(results: Results, suite: Suite) -> Results:
+    """Results with the paper's rows that a suite has for their methods."""
+    rows = {entry.name: entry.paper for entry in suite.methods}
+    return replace(results, methods=[{**m, "paper": rows.get(m["name"], m["paper"])} for m in results.methods])
+
+
 def _report(args: argparse.Namespace) -> None:
     results, out = Results.load(Path(args.results)), Path(args.out or Path(args.results).parent)
     pictures = sorted((out / "pictures").glob("*.jpg"))
     suite = load_suite(Path(args.suite)) if args.suite else None
     page = (suite.title, suite.note, suite.tables) if suite else ("Evaluation", "", [])
-    rows = {entry.name: entry.paper for entry in suite.methods} if suite else {}
-    results = replace(results, methods=[{**m, "paper": rows.get(m["name"], m["paper"])} for m in results.methods])
+    results = with_rows(results, suite) if suite else results
     check_folder(out)
     say_written(out, write_report(results, out, *page, args.command_line, pictures))

@@ -12,7 +12,7 @@ from elf_eval.errors import EvalError
 from elf_eval.features import LocalFeatures
 from elf_eval.fingerprint import code_digest
 from elf_eval.spec import Spec
-from elf_runtime import ElfError, ElfRuntime, SettingError
+from elf_runtime import ElfError, ElfRuntime, SettingError, Trace
 from elf_runtime.model.bundled import BUNDLED, bundled_model
 
 from .method import Method
@@ -51,9 +51,19 @@ class Elf(Method):
         parts += [code_digest(*CODE), onnxruntime.__version__, *(["shared"] if spec.shared else [])]
         self.fingerprint = json.dumps(parts, sort_keys=True)
 
-    def extract(self, image: Image, limit: int) -> LocalFeatures:
+    @property
+    def title(self) -> str:
+        """The network and its layer."""
+        contract = self._runtime.contract
+        return f"{contract.network} {contract.layer}"
+
+    def trace(self, image: Image, limit: int) -> Trace:
+        """The keypoints with the saliency and the threshold that led to them."""
         changes = {**self._settings, "max_keypoints": min(limit, self._settings.get("max_keypoints", limit))}
-        found = self._runtime.detect(image.pixels, preset=self._preset, descriptor=self._descriptor, **changes)
+        return self._runtime.trace(image.pixels, preset=self._preset, descriptor=self._descriptor, **changes)
+
+    def extract(self, image: Image, limit: int) -> LocalFeatures:
+        found = self.trace(image, limit).features
         return LocalFeatures.build(found.keypoints, found.scores, found.descriptors, found.sizes, found.angles)
 
     def describe(self, image: Image, features: LocalFeatures) -> LocalFeatures:

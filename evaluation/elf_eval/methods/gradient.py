@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from elf_eval.data.images import Image
 from elf_eval.errors import EvalError
@@ -67,14 +68,24 @@ class Gradient(Method):
             [spec.kind, self._kernel, self._params.to_dict(), code_digest(*CODE), cv2.__version__], sort_keys=True
         )
 
+    @property
+    def title(self) -> str:
+        """The filter and its size."""
+        return f"{self._kind} {self._kernel}x{self._kernel}"
+
     def extract(self, image: Image, limit: int) -> LocalFeatures:
+        return self.trace(image, limit)[2]
+
+    def trace(self, image: Image, limit: int) -> tuple[FloatArray, npt.NDArray[np.bool_], LocalFeatures]:
+        """The saliency (H, W), what of it passes the threshold, and the keypoints."""
         grey = cv2.cvtColor(image.pixels, cv2.COLOR_BGR2GRAY).astype(np.float32)
-        scores, mask = scores_and_mask(gradient_saliency(grey, self._kind, self._kernel), self._params)
+        saliency = gradient_saliency(grey, self._kind, self._kernel)
+        scores, mask = scores_and_mask(saliency, self._params)
         inner = np.zeros_like(mask)
         edge = slice(self._params.border, -self._params.border or None)
         inner[edge, edge] = mask[edge, edge]
         points, strength = greedy_nms(scores, inner, self._params.nms_radius, limit)
-        return LocalFeatures.build(points, strength, sizes=2.0 * self._params.nms_radius + 1.0)
+        return saliency, mask, LocalFeatures.build(points, strength, sizes=2.0 * self._params.nms_radius + 1.0)
 
 
 def gradient_saliency(grey: FloatArray, kind: str, kernel: int | None = None) -> FloatArray:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from elf_eval.errors import EvalError
 from elf_eval.metrics.intervals import Estimate
 from elf_eval.metrics.matching_accuracy import MMA_THRESHOLDS
 from elf_eval.run.averages import having, keypoints, summarize
@@ -76,6 +77,15 @@ def _bars(part: Selection) -> Any:
     axes.set_title(_title(part, extra, width), fontsize=9)
     axes.legend(frameon=False, ncols=2)
     _percent(axes)
+    return figure
+
+
+def curves(results: Results, dataset: str) -> Any:
+    """A dataset's curves over its parameter; EvalError where it has none."""
+    (part, *_) = selections(results, TableEntry("curves", datasets=[dataset], plot="curves"))
+    figure = _curves(part)
+    if figure is None:
+        raise EvalError(f"{dataset}: its pairs have no angle or scale to draw curves over")
     return figure
 
 

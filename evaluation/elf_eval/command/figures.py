@@ -1,0 +1,137 @@
+"""``elf-eval figures``: the paper's figures, each by a command of its own."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elf_eval.data import open_dataset
+from elf_eval.data.images import ImageRef
+from elf_eval.errors import EvalError
+from elf_eval.methods import open_method, open_methods
+from elf_eval.methods.elf import Elf
+from elf_eval.methods.gradient import Gradient
+from elf_eval.protocol import Protocol
+from elf_eval.report import plots, result_figures, saliency_figures
+from elf_eval.report.pictures import draw_matches
+from elf_eval.run.cache import FeatureCache
+from elf_eval.run.results import Results
+from elf_eval.run.workers import set_threads
+from elf_eval.suite.file import load_suite
+from elf_runtime.pictures.canvas import stacked
+from elf_runtime.pictures.file import write_picture
+
+from .options import Subcommands, add_protocol, add_resources, protocol, resources
+from .report import with_rows
+
+_OF_RESULTS = {
+    "bars": (result_figures.bars, "repeatability and matching score beside the paper's (figure 5)"),
+    "curves": (plots.curves, "repeatability and matching score over angle or scale (figures 6 and 7)"),
+    "viewpoint": (result_figures.viewpoint, "the same over the images of each scene (figure 8)"),
+    "components": (result_figures.components, "detector and descriptor apart, beside the paper's (figure 9)"),
+}
+
+
+def add_parser(commands: Subcommands) -> None:
+    parser = commands.add_parser("figures", help="the paper's figures as pictures")
+    figures = parser.add_subparsers(required=True, metavar="FIGURE")
+    for name, (of_results, text) in _OF_RESULTS.items():
+        figure = _figure(figures, name, text, _of_results)
+        figure.add_argument("results", help="results.json of elf-eval run")
+        figure.add_argument("--dataset", help="which, where there are several")
+        figure.add_argument("--suite", help="whose rows of the paper stand beside the results' methods")
+        figure.set_defaults(draw=of_results)
+    for name, text, draw in (
+        ("layers", "saliency, threshold and keypoints of each model (figures 1, 2, appendix)", _layers),
+        ("gradients", "Sobel, Laplacian and each model's saliency, with keypoints", _gradients),
+    ):
+        figure = _figure(figures, name, text, draw)
+        figure.add_argument("--image", required=True, help="photograph")
+        figure.add_argument("--model", action="append", required=True, help="elf:FILE.onnx?preset=paper, ...")
+        figure.add_argument("--crop", type=_crop, help="X,Y,WIDTH,HEIGHT: enlarge this part")
+        add_protocol(figure)
+        add_resources(figure)
+    figure = _figure(figures, "matches", "matches of a pair before any geometry is fitted, method by method", _matches)
+    figure.add_argument("--dataset", required=True, help="kind:FOLDER[?option=value&...]")
+    figure.add_argument("--pair", required=True, help='"v_graf/1.png - v_graf/3.png"')
+    figure.add_argument("--detector", action="append", required=True, help="may be repeated")
+    figure.add_argument("--descriptor", help="instead of the detectors' own")
+    add_protocol(figure)
+    add_resources(figure)
+
+
+def _figure(
+    figures: Subcommands, name: str, text: str, action: Callable[[argparse.Namespace], None]
+) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = figures.add_parser(name, help=text)
+    parser.add_argument("-o", "--output", "--out", dest="out", metavar="FILE", required=True, help=".png, .jpg")
+    parser.set_defaults(action=action)
+    return parser
+
+
+def _of_results(args: argparse.Namespace) -> None:
+    if not plots.available():
+        raise EvalError("matplotlib, which draws this figure, is not installed: pip install matplotlib")
+    results = Results.load(Path(args.results))
+    if args.suite:
+        results = with_rows(results, load_suite(Path(args.suite)))
+    figure = args.draw(results, result_figures.dataset_of(results, args.dataset))
+    try:
+        figure.savefig(args.out, dpi=130, metadata={"Software": None} if args.out.endswith(".png") else None)
+    except (OSError, ValueError) as error:
+        raise EvalError(f"{args.out}: {error}") from error
+    print(args.out)
+
+
+def _layers(args: argparse.Namespace) -> None:
+    _saliency(args, args.model, saliency_figures.layers_figure)
+
+
+def _gradients(args: argparse.Namespace) -> None:
+    _saliency(args, ["sobel", "laplacian", *args.model], saliency_figures.gradients_figure)
+
+
+def _saliency(args: argparse.Namespace, texts: list[str], draw: Callable[..., Any]) -> None:
+    settings, path = protocol(args, Protocol()), Path(args.image)
+    set_threads(args.threads)
+    image = ImageRef(path.name, path).open(settings.size)
+    seen = []
+    for text in texts:
+        method = open_method(text, args.threads)
+        if not isinstance(method, (Elf, Gradient)):
+            raise EvalError(f"{text}: a saliency map is of elf:FILE.onnx, sobel or laplacian")
+        seen.append(saliency_figures.seen_by(method, image, settings.max_keypoints))
+    if args.crop is not None:
+        x, y, width, height = args.crop
+        if x + width > image.size[0] or y + height > image.size[1]:
+            raise EvalError(f"--crop reaches out of the image, which has {image.size[0]}x{image.size[1]} pixels")
+    write_picture(Path(args.out), draw(image, seen, args.crop))
+    print(args.out)
+
+
+def _matches(args: argparse.Namespace) -> None:
+    settings, pair = protocol(args, Protocol()), open_dataset(args.dataset).pair(args.pair)
+    set_threads(args.threads)
+    cache, rows = FeatureCache(resources(args).cache), []
+    pixels1, pixels2 = (ref.open(settings.size).pixels for ref in (pair.first, pair.second))
+    for text in args.detector:
+        method = open_methods(text, args.descriptor, args.threads)
+        first, second = (cache.get(method, ref, settings)[1] for ref in (pair.first, pair.second))
+        title, own = text.rpartition("/")[2], method.protocol(settings)
+        rows.append(draw_matches(pixels1, pixels2, first, second, pair, own, title))
+    write_picture(Path(args.out), np.asarray(stacked(rows), np.uint8))
+    print(args.out)
+
+
+def _crop(text: str) -> tuple[int, int, int, int]:
+    try:
+        x, y, width, height = (int(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not X,Y,WIDTH,HEIGHT") from None
+    if min(x, y) < 0 or min(width, height) < 8:
+        raise argparse.ArgumentTypeError(f"{text!r}: X and Y are from 0 on, WIDTH and HEIGHT 8 or more")
+    return x, y, width, height

@@ -1,0 +1,77 @@
+"""`elf-eval figures`: pictures of saliency, of matches, and of results."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from command_line import error_of
+
+from elf_eval.cli import main
+from elf_eval.report import plots
+from helpers import TINY
+
+SMALL = ["--size", "160x120", "--threads", "1"]
+
+
+def picture(arguments, path):
+    assert main([*arguments, "-o", str(path)]) == 0
+    found = cv2.imread(str(path))
+    assert found is not None
+    return found
+
+
+def test_a_row_of_saliency_threshold_and_keypoints_for_each_model(photo_file, tmp_path):
+    models = ["--model", f"elf:{TINY}?preset=paper", "--model", f"elf:{TINY}?preset=default"]
+    command = ["figures", "layers", "--image", str(photo_file), *SMALL]
+    whole = picture([*command, *models], tmp_path / "l.png")
+    one = picture([*command, *models[:2]], tmp_path / "one.png")
+    assert one.shape == (30 + 300, 3 * 400 + 2 * 6, 3)
+    assert (whole[: one.shape[0]] == one).all()
+    assert whole.shape[0] == 2 * one.shape[0] + 6
+    heat, rest = one[30:, :400].astype(int), one[30:, 406:806].astype(int)
+    assert (heat.max(axis=2) - heat.min(axis=2)).max() > 100  # in colours
+    assert (rest == np.array([rest[..., 0]] * 3).transpose(1, 2, 0)).mean() > 0.5  # a grey image, what passes in colour
+    crop = picture([*command, *models[:2], "--crop", "40,30,80,60"], tmp_path / "crop.png")
+    assert crop.shape == one.shape
+    enlarged = cv2.resize(one[30 + 75 : 30 + 225, 100:300], (400, 300), interpolation=cv2.INTER_CUBIC).astype(int)
+    assert np.corrcoef(enlarged.ravel(), crop[30:, :400].ravel())[0, 1] > 0.9
+
+
+def test_gradients_beside_a_network_s_saliency(photo_file, tmp_path):
+    command = ["figures", "gradients", "--image", str(photo_file), "--model", f"elf:{TINY}?preset=paper", *SMALL]
+    assert picture(command, tmp_path / "g.jpg").shape == (2 * 330 + 6, 4 * 400 + 3 * 6, 3)
+
+
+def test_matches_of_a_pair_method_by_method(hpatches_folder, tmp_path):
+    command = [
+        "figures",
+        "matches",
+        "--dataset",
+        f"hpatches:{hpatches_folder}",
+        "--pair",
+        "v_turn/1.png - v_turn/3.png",
+    ]
+    rest = ["--detector", "sift", "--detector", "orb", "--cache", str(tmp_path / "c"), *SMALL]
+    found = picture([*command, *rest], tmp_path / "m.png")
+    assert found.shape[0] > 2 * 120
+    green = (found[..., 1].astype(int) - found[..., 2] > 60).mean()
+    assert green > 0.001
+
+
+@pytest.mark.skipif(not plots.available(), reason="matplotlib is not installed")
+def test_figures_of_results(results, hpatches_folder, tmp_path, capsys):
+    for name in ("bars", "viewpoint", "components"):
+        assert picture(["figures", name, results], tmp_path / f"{name}.png").std() > 5
+    (line,) = error_of(["figures", "curves", results, "-o", str(tmp_path / "c.png")], capsys)
+    assert "no angle or scale" in line
+    (line,) = error_of(["figures", "bars", results, "-o", str(tmp_path / "c.nope")], capsys)
+    assert line.startswith(f"{tmp_path / 'c.nope'}: ")
+
+
+def test_what_can_t_be_drawn_is_one_error(photo_file, tmp_path, capsys):
+    command = ["figures", "layers", "--image", str(photo_file), "-o", str(tmp_path / "l.png"), *SMALL]
+    (line,) = error_of([*command, "--model", "sift"], capsys)
+    assert line == "sift: a saliency map is of elf:FILE.onnx, sobel or laplacian"
+    (line,) = error_of([*command, "--model", "sobel", "--crop", "100,100,100,100"], capsys)
+    assert "160x120" in line
