@@ -1,4 +1,4 @@
-"""``elf-eval``: run, report, compare, pareto, sweep, sfm, figures, images, list."""
+"""``elf-eval``: run, report, compare, pareto, sweep, sfm, figures, depth, images, list."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from collections.abc import Sequence
 from elf_runtime.commands.command import run as run_command
 from elf_runtime.commands.parser import Parser, new_parser
 
-from .command import compare, figures, images, kinds, pareto, report, run, sfm, sweep
+from .command import compare, depth, figures, images, kinds, pareto, report, run, sfm, sweep
 
 
 def build_parser() -> Parser:
     """The parser; the function of the subcommand ends up in ``args.action``."""
     parser = new_parser("elf-eval", "Compare keypoint detectors and descriptors, by the ELF paper's protocol.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for command in (run, report, compare, pareto, sweep, sfm, figures, images, kinds):
+    for command in (run, report, compare, pareto, sweep, sfm, figures, depth, images, kinds):
         command.add_parser(commands)
     return parser
 

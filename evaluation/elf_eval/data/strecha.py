@@ -39,11 +39,12 @@ class _View:
 
 
 def strecha(spec: Spec) -> Dataset:
-    """``strecha:FOLDER``; options ``pairs=first`` and ``step=N``.
+    """``strecha:FOLDER``; options ``pairs=first``, ``step=N`` and ``depth=FOLDER``.
 
     ``pairs=first`` pairs the first image with each other one (the paper's 26 pairs of its three scenes) instead of
     all with all.  ``step=N`` takes only images that are at most N apart.  With depth maps the paper's metrics are
-    there too (3D viewpoint); without them, relative pose alone.
+    there too (3D viewpoint); without them, relative pose and epipolar lines.  ``depth=FOLDER`` is where
+    `elf-eval depth` wrote the maps, as SCENE/STEM.depth.npy, instead of beside the images.
 
     Raises
     ------
@@ -52,10 +53,11 @@ def strecha(spec: Spec) -> Dataset:
     """
     step = spec.take("step", int, 0)
     which = spec.take("pairs", _which, "all")
+    depths = spec.take("depth", Path, None)
     root = spec.folder()
     pairs: list[Pair] = []
     for scene in [root] if _is_scene(root) else folders_in(root):
-        views = [_view(scene, path) for path in images_in(_image_folder(scene))]
+        views = [_view(scene, path, depths) for path in images_in(_image_folder(scene))]
         for (i, a), (j, b) in combinations(enumerate(views), 2):
             if (which == "all" or i == 0) and (not step or j - i <= step):
                 pairs.append(_pair(scene_name(scene), a, b))
@@ -114,7 +116,7 @@ def _camera_numbers(path: Path) -> Float:
     return numbers
 
 
-def _view(scene: Path, image: Path) -> _View:
+def _view(scene: Path, image: Path, depths: Path | None) -> _View:
     """An image with its camera and depth map; refused where their sizes differ."""
     file = _camera_file(scene, image)
     height, width = read_image(image).shape[:2]
@@ -124,7 +126,7 @@ def _view(scene: Path, image: Path) -> _View:
             f"{image}: {width}x{height} pixels, but {file.name} is for {size[0]}x{size[1]}; "
             "take the images that the cameras were made for, or scale K and the size in the camera files"
         )
-    depth = image.with_suffix(".depth.npy")
+    depth = (depths / scene_name(scene) / image.name if depths else image).with_suffix(".depth.npy")
     if depth.is_file():
         rows, columns = read_depth(depth).shape
         if (columns, rows) != (width, height):
