@@ -114,9 +114,10 @@ def _differs(dataset: Mapping[str, Any]) -> bool:
 
 def _published(dataset: Mapping[str, Any]) -> str:
     theirs = ", ".join(f"{count} {what}" for what, count in dataset["published"].items())
+    scenes = f"{dataset['scenes']} scene{'' if dataset['scenes'] == 1 else 's'}"
     return (
-        f"{dataset['name']}: {dataset['pairs']} pairs of {dataset['scenes']} scenes here, {theirs} in the paper: its "
-        "columns are for orientation."
+        f"{dataset['name']}: {dataset['pairs']} pairs of {scenes} here, {theirs} in the paper: its columns are for "
+        "orientation."
     )
 
 

@@ -149,8 +149,8 @@ def _named_network(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--net", metavar="NAME", help="--list shows the names")
     group.add_argument(
         "--weights", metavar="FILE",
-        help="trained weights: .pth, .h5, .keras, .safetensors, .npz or .onnx (default: the published ones, from "
-        "the cache, the bundled model, the publisher or a package index)",
+        help="trained weights: .pth, .h5, .keras, .safetensors, .npz, .index (TensorFlow) or .onnx (default: "
+        "the published ones, from the cache, the bundled model, the publisher or a package index)",
     )  # fmt: skip
     group.add_argument(
         "--preprocess", choices=("paper", "own"),

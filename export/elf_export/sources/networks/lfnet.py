@@ -6,11 +6,9 @@ leaky ReLU, 5x5 convolution, normalisation and leaky ReLU, 5x5 convolution, plus
 Everything keeps the image's size.  Layers: ``init-conv``; of each block ``blockB-conv`` (its first
 convolution), ``blockB-bn`` (the normalisation behind it), ``blockB`` (the sum).
 
-The trained weights are TensorFlow checkpoints.  Where TensorFlow is installed, this converts one::
-
-    reader = tf.train.load_checkpoint("release/models/outdoor")
-    names = [name for name in reader.get_variable_to_shape_map() if name.startswith("ConvOnlyResNet/")]
-    np.savez("lfnet.npz", **{name: reader.get_tensor(name) for name in names})
+The trained weights are TensorFlow checkpoints, which are read without TensorFlow; ``--weights NAME.index``, with
+``NAME.data-00000-of-00001`` beside it, is all that is needed.  Of their variables those of the scope ``ConvOnlyResNet``
+are the detector's.
 
 The released models' slope of the leaky ReLU is 0.2 and the normalisations' epsilon TensorFlow's 1e-3.
 """
@@ -59,6 +57,7 @@ def forward(part: Part, x: torch.Tensor) -> Maps:
 
 _ARCHITECTURE = Architecture(_parts(), forward, channels=1)
 
+_SCOPE = "ConvOnlyResNet"
 _NORM = {"weight": "gamma", "bias": "beta", "running_mean": "moving_mean", "running_var": "moving_variance"}
 
 
@@ -69,6 +68,7 @@ def fit(
 
     A convolution without a bias gets a zero one, a normalisation without scale or shift 1 or 0.
     """
+    tensors = {name: value for name, value in tensors.items() if f"{_SCOPE}/" in name} or tensors
     fitted = {}
     for name, shape in shapes.items():
         value = tensors.get(name)
@@ -104,9 +104,6 @@ NETWORK = Network(
     fit=fit,
     source_title="LF-Net",
     licence="as the checkpoint's",
-    hint=(
-        "a checkpoint of github.com/vcg-uvic/lf-net-release as .npz; elf_export/networks/lfnet.py says how "
-        "to convert it"
-    ),
+    hint=("the .index file of a checkpoint of github.com/vcg-uvic/lf-net-release, with its .data file beside it"),
     preprocessing=Preprocessing(color="gray", standardize=True),
 )

@@ -16,6 +16,8 @@ from elf_export.errors import WeightsError
 from elf_runtime.errors import first_line, reason
 from elf_runtime.files.kind import HEAD, description, open_regular
 
+from .tensorflow_checkpoint import is_index, read_checkpoint
+
 Array = npt.NDArray[Any]
 
 # What no network needs that is meant to run as a keypoint detector, and what nobody should wait or make room for.
@@ -26,10 +28,10 @@ DEEPEST = 64  # groups of an HDF5 file inside one another
 def read_tensors(path: Path) -> dict[str, Array]:
     """All tensors of a file, by name, in natural order of the names (``conv2`` before ``conv10``).
 
-    Understood are PyTorch (.pth, .pt; loaded with ``weights_only``), Keras (.h5, .keras), .safetensors, .npz
-    and .onnx; which one it is, is read from the file's first bytes.  The kernels and biases of an .onnx file's
-    Conv nodes are called ``NODE.weight`` and ``NODE.bias``, with nodes numbered in graph order, unless they
-    bear such names already.
+    Understood are PyTorch (.pth, .pt; loaded with ``weights_only``), Keras (.h5, .keras), .safetensors, .npz,
+    TensorFlow's checkpoints (.index, with the data beside it) and .onnx; which one it is, is read from the file's first
+    bytes, or a checkpoint's last.  The kernels and biases of an .onnx file's Conv nodes are called ``NODE.weight`` and
+    ``NODE.bias``, with nodes numbered in graph order, unless they bear such names already.
 
     Raises
     ------
@@ -71,6 +73,8 @@ def _check_bytes(path: Path, size: int) -> None:
 def _reader_for(path: Path, head: bytes) -> Callable[[Path], dict[str, Array]]:
     if head.startswith(b"\x89HDF\r\n\x1a\n"):
         return _read_hdf5
+    if is_index(path):
+        return read_checkpoint
     if head.startswith(b"PK"):
         try:
             with zipfile.ZipFile(path) as archive:
@@ -90,7 +94,7 @@ def _reader_for(path: Path, head: bytes) -> Callable[[Path], dict[str, Array]]:
     if head[:1] == b"\x08":  # field 1 of ModelProto, ir_version
         return _read_onnx
     what = description(head, path.stat().st_size)
-    kinds = "not a .pth, .h5, .keras, .safetensors, .npz or .onnx file"
+    kinds = "not a .pth, .h5, .keras, .safetensors, .npz, .index or .onnx file"
     raise WeightsError(f"{path}: {kinds}: it is {what}" if what else f"{path}: {kinds}")
 
 

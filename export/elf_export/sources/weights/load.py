@@ -114,7 +114,7 @@ def load_weights(
     raise WeightsError(
         f"no weights for {network.name}. Tried:\n"
         + "\n".join(f"  {line}" for line in tried)
-        + f"\nGive a file with {option}: .pth, .h5, .keras, .safetensors, .npz or .onnx."
+        + f"\nGive a file with {option}: .pth, .h5, .keras, .safetensors, .npz, .index (TensorFlow) or .onnx."
         + (f" Wanted is {network.hint}." if network.hint else "")
     )
 
