@@ -38,10 +38,14 @@ def sfm_page(study: Study, title: str, note: str, protocol: Protocol, command: s
 def _table(dataset: str, size: int, each: dict[str, list[Reconstruction]]) -> Table:
     subsets = next(iter(each.values()))
     scenes = len({one.scene for one in subsets})
-    caption = f"{dataset}, {size} images ({len(subsets)} subsets of {scenes} scene{'' if scenes == 1 else 's'})"
+    caption = f"{dataset}, {size} images ({_number(len(subsets), 'subset')} of {_number(scenes, 'scene')})"
     at = " / ".join(map(str, MAP_THRESHOLDS))
     header = ["method", f"mAP@{at}", "images placed", "points", "images a point"]
     return Table(caption, header, [[name, *_cells(found)] for name, found in each.items()])
+
+
+def _number(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def _cells(found: Sequence[Reconstruction]) -> list[str]:
