@@ -57,7 +57,7 @@ def _rows(results: Results, dataset: str) -> dict[str, tuple[list[PairResult], s
 def viewpoint(results: Results, dataset: str) -> Any:
     """A column for each scene, over the second image of each pair: rep above, ms below (figure 8).
 
-    Where there is no depth, the matching score by epipolar lines stands for both.
+    Where there is no depth, the matching score by epipolar lines stands for ms, and there is no rep.
     """
     scenes = list(dict.fromkeys(p.scene for p in results.pairs if p.dataset == dataset))
     figure = _figure(4.2 * len(scenes) + 1.6, 6.4)
@@ -77,8 +77,9 @@ def viewpoint(results: Results, dataset: str) -> Any:
             _percent(axes, _METRICS[metric] if axes.lines and shown != "epi_ms" else _metric_without_depth(metric))
             axes.set_title(scene, fontsize=9)
             axes.set_xlabel("image, against the first one", fontsize=8)
-    figure.legend(*panels[1][0].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize=8)
-    figure.suptitle(f"{_title(results, dataset)}; in brackets: mean number of keypoints", fontsize=10)
+    figure.legend(*panels[1][0].get_legend_handles_labels(), loc="outside right center", frameon=False, fontsize=8)
+    title = f"{_title(results, dataset)}; in brackets: mean number of keypoints"
+    figure.suptitle(wrapped(title, 45 * len(scenes), 3), fontsize=10)
     return figure
 
 
