@@ -38,7 +38,7 @@ _OF_RESULTS = {
 
 def add_parser(commands: Subcommands) -> None:
     parser = commands.add_parser("figures", help="the paper's figures as pictures")
-    figures = parser.add_subparsers(required=True, metavar="FIGURE")
+    figures = parser.add_subparsers(required=True, metavar="FIGURE", help="which; each has its own --help")
     for name, (of_results, text) in _OF_RESULTS.items():
         figure = _figure(figures, name, text, _of_results)
         figure.add_argument("results", help="results.json of elf-eval run")
