@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 import onnx
 
-from elf_export.adjoint.gradient import ADJOINT
+from elf_export.adjoint.registry import ADJOINT
 from elf_export.graph.graph import attributes
 from elf_export.graph.response import sums_channels
 from elf_runtime.contract import ModelContract

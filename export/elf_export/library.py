@@ -34,6 +34,7 @@ def export_network(
     compression: Compression | None = None,
     calibration: str | os.PathLike[str] | None = None,
     precision: str = "fp32",
+    lowering: str = "fast",
     log: Log = lambda _: None,
 ) -> ExportResult:
     """Export a named network as an ELF model.
@@ -73,6 +74,8 @@ def export_network(
         Folder of images that compression, reduction and precision are fitted to; the exporter's photographs by default.
     precision : "fp32", "fp16", "bf16" or "int8"
         See `elf_export.precision.lower`.
+    lowering : "fast" or "plain"
+        How the gradient is written: in the form that is fast in the precision, or with nothing clever.
     log : function
         Is told of each step in a line or a table.
 
@@ -93,7 +96,7 @@ def export_network(
             net=name, layer=layer, desc=desc, output=output, weights=weights, desc_weights=desc_weights,
             offline=offline, preprocess=preprocessing, opset=opset, force=force, detection=as_mapping(detection),
             pool=pool, desc_scale=desc_scale, reduction=reduction, compression=compression,
-            calibration=calibration, precision=precision,
+            calibration=calibration, precision=precision, lowering=lowering,
         ),
         log,
     )  # fmt: skip
@@ -118,6 +121,7 @@ def export_onnx(
     compression: Compression | None = None,
     calibration: str | os.PathLike[str] | None = None,
     precision: str = "fp32",
+    lowering: str = "fast",
     log: Log = lambda _: None,
 ) -> ExportResult:
     """Export any CNN's .onnx file as an ELF model; needs no torch, unless a named network describes.
@@ -135,7 +139,9 @@ def export_onnx(
         By default the paper's standardisation, on RGB (or gray) pixels.
     opset : int, optional
         The file's own by default, moved into 11 to 20.
-    offline, desc_weights, detection, pool, desc_scale, reduction, compression, calibration, precision, log : optional
+    offline, desc_weights, detection, pool, desc_scale, reduction, compression, calibration : optional
+        As in `export_network`.
+    precision, lowering, log : optional
         As in `export_network`.
 
     Returns
@@ -156,7 +162,7 @@ def export_onnx(
             onnx=file, layer=layer, desc=tuple(descriptors), output=output, desc_weights=desc_weights, offline=offline,
             preprocess=preprocessing, input=image_input, opset=opset, force=force, detection=as_mapping(detection),
             pool=pool, desc_scale=desc_scale, reduction=reduction, compression=compression,
-            calibration=calibration, precision=precision,
+            calibration=calibration, precision=precision, lowering=lowering,
         ),
         log,
     )  # fmt: skip

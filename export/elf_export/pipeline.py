@@ -22,13 +22,14 @@ from .compression.compress import compress
 from .contract import cost_of, descriptor_specs, input_spec, versions
 from .descriptors.other_network import attach
 from .descriptors.projection import Projection
-from .descriptors.reduce import reduce_descriptors
+from .descriptors.reduce import projected, reduce_descriptors
 from .end_to_end.build import Form, end_to_end
 from .file import stamped, write
 from .graph.graph import Graph
 from .graph.passes import opset_of, portable_forms, require_opset
 from .graph.receptive_field import stated
 from .graph.sizes import Sizes
+from .lowering import write_steps
 from .precision.lower import lower
 from .request import Log, Request
 from .saliency import build_saliency
@@ -79,7 +80,7 @@ def export(request: Request, log: Log = lambda _: None) -> ExportResult:
         contract, compared = compare(graph, contract, reference, whole, images, log)
         if request.precision != "fp32":
             log(f"making {request.precision} of it ...")
-        model, contract, lowered = lower(graph.model, contract, request.precision, images, log)
+        model, contract, lowered = lower(graph.model, graph.masked, contract, request.precision, images, log)
         model = portable_forms(Graph(model)).model
         require_usable(model, contract, graph.sizes)
         model, contract, alone = with_post_processing(model, contract, request.end_to_end, images, log)
@@ -95,6 +96,8 @@ class Finished:
     Attributes
     ----------
     model : onnx.ModelProto
+    masked : onnx.ModelProto
+        The same with its masks in operations of `dialect`, for a lower precision to write.
     sizes : Sizes
         Of images that it takes.
     projections : mapping
@@ -106,6 +109,7 @@ class Finished:
     """
 
     model: onnx.ModelProto
+    masked: onnx.ModelProto
     sizes: Sizes
     projections: Mapping[str, Projection]
     reductions: Mapping[str, ReductionSpec]
@@ -120,23 +124,30 @@ def finished_graph(
     A compressed network's descriptors are projected as those of the `whole` one: they can be matched with each other.
     """
     request = sources.request
-    model = saliency_graph(sources, channels_last=request.precision == "int8")
+    masked = saliency_graph(sources)
+    model = write_steps(Graph(masked), request.lowering).model
     sizes = finished_sizes(model, sources, log)
-    model, projections, reductions, projected = reduce_descriptors(
+    model, projections, reductions, checks = reduce_descriptors(
         model, sources.descriptors, request.reduction, images, input_spec(sources.color, sizes),
         sources.detector.detection.working_scales[0], sources.maps(model), log,
         None if whole is None else whole.projections,
     )  # fmt: skip
-    return Finished(model, sizes, projections, reductions, projected)
+    masked = projected(masked, projections, request.reduction)
+    return Finished(model, masked, sizes, projections, reductions, checks)
 
 
-def saliency_graph(sources: Sources, channels_last: bool) -> onnx.ModelProto:
-    """Forward and adjoint of the detector in one graph, with preprocessing in front, and every descriptor map."""
-    detector = sources.detector
+def saliency_graph(sources: Sources) -> onnx.ModelProto:
+    """Forward and adjoint of the detector in one graph, with preprocessing in front, and every descriptor map.
+
+    Its masks are operations of `dialect`.
+    """
+    detector, request = sources.detector, sources.request
+    fast = "int8" if request.precision == "int8" else "fast"
     model = build_saliency(
         detector.model, detector.layer, detector.descriptors, detector.image.name, detector.preprocessing,
-        differentiate=detector.differentiate, color=sources.color, channels_last=channels_last,
-        min_size=sources.sizes.min_size, size=sources.sizes.usual,
+        differentiate=detector.differentiate, color=sources.color,
+        lowering=fast if request.lowering == "fast" else request.lowering,
+        min_size=sources.sizes.min_size, size=sources.sizes.usual, masks=True,
     )  # fmt: skip
     for other in sources.others:
         model = attach(

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 POOLS = ("max", "average")
 DESC_SCALES = (0.125, 4.0)
 PRECISIONS = ("fp32", "fp16", "bf16", "int8")
+LOWERINGS = ("fast", "plain")
 LEAST_OPSET = 13  # of all but fp32: bfloat16, and one scale for each channel, are of that opset
 
 File = str | os.PathLike[str]
@@ -68,6 +69,8 @@ class Request:
         Convolutions in low rank.
     calibration : path, optional
         Folder of images that compression, reduction and precision are fitted to.
+    lowering : "fast" or "plain"
+        How the gradient is written: in the form that is fast in the precision, or with nothing clever.
     end_to_end : Form, optional
         Keypoints in place of maps: the post-processing in the graph, in this form.
     """
@@ -91,6 +94,7 @@ class Request:
     compression: Compression | None = None
     calibration: File | None = None
     precision: str = "fp32"
+    lowering: str = "fast"
     end_to_end: Form | None = None
 
     def __post_init__(self) -> None:
@@ -98,6 +102,8 @@ class Request:
             raise ExportError("an export is of a named network or of an .onnx file: give one of the two")
         if self.pool not in POOLS:
             raise ExportError(f"pooling is one of {', '.join(POOLS)}, not {self.pool!r}")
+        if self.lowering not in LOWERINGS:
+            raise ExportError(f"the lowering is one of {', '.join(LOWERINGS)}, not {self.lowering!r}")
         least, most = DESC_SCALES
         if not (is_number(self.desc_scale) and least <= self.desc_scale <= most):
             raise ExportError(f"the descriptors' scale is a number from {least:g} to {most:g}, not {self.desc_scale!r}")
@@ -138,6 +144,7 @@ class Request:
         for name, value in self.detection.items():
             words += ["--set", f"{name}={setting_text(value)}"]
         option("precision", self.precision if self.precision != "fp32" else "")
+        option("lowering", self.lowering if self.lowering != "fast" else "")
         words += self.end_to_end.words() if self.end_to_end is not None else []
         if self.reduction is not None or self.compression is not None or self.precision != "fp32":
             option("calibration", self.calibration)

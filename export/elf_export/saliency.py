@@ -9,12 +9,11 @@ import numpy.typing as npt
 import onnx
 from onnx import helper
 
-from .adjoint import adjoint_parts, interleave
-from .adjoint.gradient import Part
+from .adjoint import build_adjoint
 from .errors import ExportError, LayerError
 from .graph.axes import axes_of
 from .graph.cost import PROBE, fix_sizes, sizes_where_known
-from .graph.graph import Graph, GraphView, defined_in, nested_graphs
+from .graph.graph import Graph, GraphView, defined_in, nested_graphs, reduce_mean
 from .graph.layout import image_layout, only_image_input
 from .graph.passes import (
     compose_convs,
@@ -27,6 +26,7 @@ from .graph.passes import (
     standard_ops,
 )
 from .graph.shapes import without_weights
+from .lowering import lower, write_steps
 from .preprocessing import Preprocessing, prepend
 
 IMAGE, SALIENCY, GRADIENT = "image", "saliency", "gradient"
@@ -45,9 +45,10 @@ def build_saliency(
     seed: Seed = None,
     differentiate: bool = True,
     color: str | None = None,
-    channels_last: bool = False,
+    lowering: str = "fast",
     min_size: int = LEAST,
     size: int = PROBE,
+    masks: bool = False,
 ) -> onnx.ModelProto:
     """A model whose outputs are S(I) = |seed^T dF/dI|, averaged over I's channels, and descriptor maps.
 
@@ -73,13 +74,16 @@ def build_saliency(
         False takes F itself for the gradient: a saliency map that the model computes already.
     color : "bgr", "rgb" or "gray", optional
         Colour order of the raw pixels, if it is not that of `preprocessing`.
-    channels_last : bool
-        Build max-pooling's adjoint in the form that suits 8-bit convolutions; the values are the same.
+    lowering : "fast", "int8" or "plain"
+        The form that the gradient is written in, the values being the same: fast for floats, for what is to be rounded
+        to 8 bits, or with nothing clever, to be read and for runtimes that stumble over the others.
     min_size : int
         Smallest height and width, in pixels, that the result must run on; what is faster on large images only
         is left out where it would not.
     size : int
         A usual height and width that `model` takes, at which the axes of its maps are told.
+    masks : bool
+        Leave the masks in operations of `dialect`, for a pass of `precision` to write.
 
     Returns
     -------
@@ -97,14 +101,14 @@ def build_saliency(
         If onnx's checker refuses the result.
     """
     ours = {SALIENCY, *map(descriptor_output, descriptors)} | ({IMAGE} if preprocessing is not None else set())
-    graph, names, image, gradient = _differentiated(
-        model, layer, descriptors, image_input, seed, differentiate, ours, channels_last
-    )
+    graph, names, image, gradient = _differentiated(model, layer, descriptors, image_input, seed, differentiate, ours)
     layout = image_layout(graph, image)
-    interleave.mean_magnitude(graph, gradient, layout.index("C"), SALIENCY)
+    magnitude = graph.op("Abs", gradient, name=f"{SALIENCY}/abs")
+    reduce_mean(graph, magnitude, layout.index("C"), f"{SALIENCY}/mean", keepdims=0, output=SALIENCY)
     outputs = [helper.make_tensor_value_info(SALIENCY, graph.elem_type(image), ["N", "H", "W"])]
     outputs += descriptor_outputs(graph, {name: names.get(name, name) for name in descriptors}, image, layout, size)
     graph.set_outputs(outputs)
+    lower(graph, lowering)
     smallest = without_weights(graph.model)
     if graph.rank(image) == len(layout):
         fix_sizes(smallest, image, layout, min_size)
@@ -112,7 +116,7 @@ def build_saliency(
     share_row_maxima(expand_response(graph))
     if preprocessing is not None:
         prepend(graph, image, preprocessing, IMAGE, color, layout)
-    return _finished(graph, outputs)
+    return _finished(graph if masks else write_steps(graph, lowering), outputs)
 
 
 def build_gradient(
@@ -125,13 +129,13 @@ def build_gradient(
     """
     graph, names, image, gradient = _differentiated(model, layer, (), image_input, seed, True, {GRADIENT})
     layer = names.get(layer, layer)
-    whole = interleave.whole(graph, gradient)
-    graph.op("Identity", whole, name="gradient/output", outputs=[GRADIENT])
+    graph.op("Identity", gradient, name="gradient/output", outputs=[GRADIENT])
     outputs = [
         helper.make_tensor_value_info(layer, graph.elem_type(layer), graph.shape(layer)),
         helper.make_tensor_value_info(GRADIENT, graph.elem_type(image), graph.shape(image)),
     ]
-    return _finished(graph, outputs)
+    graph.set_outputs(outputs)
+    return _finished(write_steps(lower(graph)), outputs)
 
 
 def _differentiated(
@@ -142,8 +146,7 @@ def _differentiated(
     seed: Seed,
     differentiate: bool,
     ours: Collection[str],
-    channels_last: bool = False,
-) -> tuple[Graph, Mapping[str, str], str, Part]:
+) -> tuple[Graph, Mapping[str, str], str, str]:
     """The trunk of `model` with the adjoint appended, the names that it got, the image's and the gradient's.
 
     `ours` are the names that no value of the model may have; those that do are called otherwise, old name -> new one.
@@ -159,8 +162,7 @@ def _differentiated(
     image = names.get(image_input, image_input) if image_input else only_image_input(graph)
     if not differentiate:
         return graph, names, image, layer
-    parts = adjoint_parts(graph, layer, image, _seed_value(graph, layer, seed, ours), channels_last)
-    return graph, names, image, parts
+    return graph, names, image, build_adjoint(graph, layer, image, _seed_value(graph, layer, seed, ours))
 
 
 def make_way(graph: Graph, ours: Collection[str]) -> dict[str, str]:

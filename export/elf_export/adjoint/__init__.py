@@ -1,13 +1,14 @@
 """The adjoint of an ONNX graph: `engine` walks it backwards and asks the rules, of which `registry` has the table.
 
-`emit`, `spatial`, `depthwise` and `interleave` write what rules share; `rules` holds the rules, a file for each family.
-May import `graph` and errors; nothing here knows of keypoints.
+`rules` holds the rules, a file for each family.  They say what is true, in standard operations and those of `dialect`;
+forms that are fast somewhere are `lowering`'s.
+May import `dialect`, `graph` and errors; nothing here knows of keypoints.
 """
 
 from __future__ import annotations
 
 from . import rules as rules  # registers them
-from .engine import adjoint_parts, build_adjoint
+from .engine import build_adjoint
 from .path import nodes_between
 from .preflight import opset_wanted, unsupported_behind
 from .registry import Context, Gradients, adjoint, no_gradient, supported_ops
@@ -16,7 +17,6 @@ __all__ = [
     "Context",
     "Gradients",
     "adjoint",
-    "adjoint_parts",
     "build_adjoint",
     "no_gradient",
     "nodes_between",

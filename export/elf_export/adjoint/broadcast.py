@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import onnx
 
+from elf_export.dialect.emit import reduce, squeeze
 from elf_export.graph.graph import Graph
 
-from .emit import reduce, squeeze
 from .registry import Context, NeedsOpset
 from .same_size import Sizes
 

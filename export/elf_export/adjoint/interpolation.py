@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from onnx import TensorProto, helper
 
+from elf_export.dialect.emit import Ints, arithmetic, as_number, ints, scalar, size_of, slice_axes, unsqueeze
 from elf_export.graph.graph import Array
 
-from .emit import Ints, arithmetic, as_number, ints, scalar, size_of, slice_axes, unsqueeze
 from .registry import Context
 
 MODES = ("nearest", "linear", "cubic")

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import onnx
 
-from elf_export.graph.graph import Array, Dim, Graph, GraphView, attributes, is_standard
+from elf_export.dialect.emitter import Emitter
+from elf_export.graph.graph import Graph, GraphView, is_standard
 
-from .gradient import ADJOINT
-from .gradient import Gradients as Gradients  # rules import it from here
-
+ADJOINT = "adj/"  # what the names of its nodes begin with
 MIN_OPSET = 11  # Slice, Pad, Clip and Resize take their bounds as inputs from here on
+
+Gradients = Sequence[str | None]
+"""One gradient per input of the node, None where it gets none; trailing Nones may be left out."""
 
 Rule = Callable[..., Gradients]
 """rule(ctx, node, *grad_y); one `grad_y` per differentiated output, None if nobody used it."""
@@ -52,61 +54,16 @@ _RULES: dict[str, Entry] = {}
 _NO_GRADIENT: set[str] = set()
 
 
-class Context:
+class Context(Emitter):
     """What a rule may ask of the forward graph, and where it emits its nodes.
 
     Emitted nodes are named ``adj/<forward node>/<role>``, so that a profile pairs forward and backward.
     Shapes and dtypes are known of forward values only, not of what a rule has just emitted.
     """
 
-    def __init__(
-        self, graph: Graph, node: onnx.NodeProto, wanted: Sequence[bool] = (), channels_last: bool = False
-    ) -> None:
-        self.graph = graph
-        self.node = node
+    def __init__(self, graph: Graph, node: onnx.NodeProto, wanted: Sequence[bool] = ()) -> None:
+        super().__init__(graph, node, f"{ADJOINT}{node.name or node.output[0]}")
         self.wanted = wanted  # which inputs need a gradient; a rule may skip the others
-        self.channels_last = channels_last  # convolutions will run so: gradients in one piece, not in phases
-        self.attrs = attributes(node)
-
-    @property
-    def opset(self) -> int:
-        return self.graph.opset
-
-    def op(self, op_type: str, *inputs: str, role: str | None = None, **attrs: Any) -> str:
-        """Emit a node and return its (first) output."""
-        return self.graph.op(op_type, *inputs, name=self.name(role or op_type.lower()), **attrs)
-
-    def const(self, value: Any, role: str, like: str | None = None, dtype: np.dtype[Any] | None = None) -> str:
-        """Emit a constant; of the dtype of the forward value `like`, or of `dtype`, if given."""
-        dtype = self.graph.dtype(like) if like is not None else dtype
-        return self.graph.const(value, self.name(role), dtype)
-
-    def int64s(self, values: Sequence[int], role: str) -> str:
-        return self.graph.int64s(values, self.name(role))
-
-    def input(self, index: int) -> str:
-        """Name of an optional input, empty if it is absent."""
-        return str(self.node.input[index]) if index < len(self.node.input) else ""
-
-    def value(self, name: str) -> Array | None:
-        """The value of a constant input, None if it is computed."""
-        return self.graph.constant(name)
-
-    def shape(self, name: str) -> list[Dim] | None:
-        return self.graph.shape(name)
-
-    def rank(self, name: str) -> int:
-        """Rank of a value, which `supports` has made sure is known."""
-        rank = self.graph.rank(name)
-        assert rank is not None, f"unknown rank of {name!r}"
-        return rank
-
-    def dtype(self, name: str) -> np.dtype[Any]:
-        return self.graph.dtype(name)
-
-    def name(self, role: str) -> str:
-        """The name of what this node's adjoint emits in that role."""
-        return f"{ADJOINT}{self.node.name or self.node.output[0]}/{role}"
 
 
 def adjoint(

@@ -37,6 +37,7 @@ def request_of(args: argparse.Namespace) -> Request:
         compression=compression_of(args),
         calibration=args.calibration,
         precision=args.precision,
+        lowering=args.lowering,
         end_to_end=form_of(args),
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from fractions import Fraction
 
-from elf_export.request import POOLS, PRECISIONS
+from elf_export.request import LOWERINGS, POOLS, PRECISIONS
 from elf_runtime.commands.options import add_quiet, from_zero, setting
 from elf_runtime.commands.parser import Parser, new_parser
 
@@ -98,6 +98,11 @@ def _file(p: argparse.ArgumentParser) -> None:
         "--precision", choices=PRECISIONS, default="fp32",
         help="int8: convolutions in 8-bit integers, for CPUs; fp16: for GPUs; bf16: weights stored in half the bytes. "
         "What it changes against fp32 is printed",
+    )  # fmt: skip
+    p.add_argument(
+        "--lowering", choices=LOWERINGS, default="fast",
+        help="how the gradient is written: in the form that is fast in the precision (default), or with nothing clever "
+        "(plain), to be read and for runtimes that stumble over the fast one; the values are the same",
     )  # fmt: skip
     p.add_argument(
         "--end-to-end", nargs="*",

@@ -70,11 +70,17 @@ def reduce_descriptors(
         raise LayerError("there is no descriptor layer whose values could be made fewer")
     if projections is None:
         projections = fit_layers(model, layers, reduction, images, spec, scale)
-    model = project(
-        Graph(model),
-        {descriptor_output(name): (p.matrix, -p.mean @ p.matrix) for name, p in projections.items()},
-        reduction.separate,
-    ).model
+    model = projected(model, projections, reduction)
     check = check_projection(model, maps, projections, spec)
     require(check, log)
     return model, projections, specs(projections, reduction, images), (check,)
+
+
+def projected(
+    model: onnx.ModelProto, projections: Mapping[str, Projection], reduction: Reduction | None
+) -> onnx.ModelProto:
+    """A copy of `model` with the projections in it; as it is where no reduction is asked for."""
+    if reduction is None:
+        return model
+    matrices = {descriptor_output(name): (p.matrix, -p.mean @ p.matrix) for name, p in projections.items()}
+    return project(Graph(model), matrices, reduction.separate).model

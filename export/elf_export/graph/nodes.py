@@ -15,6 +15,7 @@ Array = npt.NDArray[Any]
 
 Proto = TypeVar("Proto", onnx.ModelProto, onnx.GraphProto)
 
+OWN = "elf"  # the domain of the exporter's own operations (see `dialect`); no finished graph has any
 SIZES = frozenset({"Shape", "Size"})  # ops whose output depends on a map's size only
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import onnx
 from onnx import helper, shape_inference
 
-from .nodes import Dim, copy_fields
+from .nodes import OWN, Dim, copy_fields
 
 Types = dict[str, onnx.TypeProto.Tensor]
 
@@ -101,6 +101,9 @@ def without_weights(model: onnx.ModelProto) -> onnx.ModelProto:
     old, new = model.graph, bare.graph
     copy_fields(model, bare, without=["graph"])
     copy_fields(old, new, without=["initializer"])
+    for node in new.node:
+        if node.domain == OWN:  # which have the shape and the type of their last input
+            node.CopyFrom(helper.make_node("Identity", [node.input[-1]], node.output, node.name))
     for tensor in old.initializer:
         if tensor.data_type in FLOATS and math.prod(tensor.dims) > MOST_STATED:
             new.initializer.add(name=tensor.name, data_type=tensor.data_type, dims=tensor.dims)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import onnx
 
 from .graph import GraphView, attributes
+from .nodes import OWN
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Window:
 
 
 def window_of(graph: GraphView, node: onnx.NodeProto, kernel: Sequence[int]) -> Window:
-    """The window of a Conv or pool node, auto_pad resolved as far as it can be without the input's size."""
+    """The window of a Conv or pool node, or of its gradient, auto_pad resolved as far as possible without a size."""
     n = len(kernel)
     a = attributes(node)
     strides = tuple(a.get("strides", [1] * n))
@@ -69,7 +70,8 @@ def _same_totals(
     graph: GraphView, node: onnx.NodeProto, extent: Sequence[int], strides: Sequence[int]
 ) -> list[int] | None:
     """Total padding per axis under auto_pad SAME, None where it depends on a size that is not static."""
-    sizes = (graph.shape(node.input[0]) or [None] * (2 + len(extent)))[2:]
+    x = node.input[-1 if node.domain == OWN else 0]
+    sizes = (graph.shape(x) or [None] * (2 + len(extent)))[2:]
     totals = []
     for e, s, size in zip(extent, strides, sizes, strict=True):
         if isinstance(size, int):

@@ -6,8 +6,8 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from elf_export.adjoint.emit import STEEP
-from elf_export.graph.graph import Graph, GraphView, attributes
+from elf_export.graph.graph import Graph, GraphView
+from elf_export.lowering import write_steps
 
 PREPROCESSING = "pre/"
 FLOAT32_INPUTS = frozenset({("Resize", 1), ("Resize", 2), ("Upsample", 1)})  # whatever the others are
@@ -17,10 +17,11 @@ MANY = 64  # smaller constants are not worth a Cast
 def half_precision(model: onnx.ModelProto) -> onnx.ModelProto:
     """A copy of `model` that computes in float16 between a float32 input and float32 outputs.
 
-    The preprocessing stays in float32: the mean of a large image needs it.  Steps [d > 0] become Relu(Sign(d)), as a
-    float16 has no slope of 1e30.
+    The preprocessing stays in float32: the mean of a large image needs it.  Masks of `dialect` are written for float16.
     """
-    source, graph = GraphView(model), Graph(model)
+    graph = write_steps(Graph(model), "fp16")
+    source = GraphView(graph.model)
+    graph = Graph(graph.model)
     renamed: dict[str, str] = {}  # what float16 nodes read in a float32 value's place
     outside = set(source.inputs) | {
         name for node in source.nodes if node.name.startswith(PREPROCESSING) for name in node.output
@@ -29,10 +30,6 @@ def half_precision(model: onnx.ModelProto) -> onnx.ModelProto:
     for node in list(graph.nodes):
         if node.name.startswith(PREPROCESSING):
             continue
-        if node.op_type == "HardSigmoid" and attributes(node).get("alpha", 0.2) >= STEEP:
-            with graph.replace_node(node):
-                sign = graph.op("Sign", renamed.get(node.input[0], node.input[0]), name=f"{node.output[0]}/sign")
-                node = graph.add(helper.make_node("Relu", [sign], list(node.output), name=node.name))
         inputs = list(node.input)
         for i, name in enumerate(inputs):
             if not name or source.dtype(name) != np.float32 or (node.op_type, i) in FLOAT32_INPUTS:

@@ -21,6 +21,7 @@ from .int8 import quantize
 
 def lower(
     model: onnx.ModelProto,
+    masked: onnx.ModelProto,
     contract: ModelContract,
     precision: str,
     images: CalibrationSet,
@@ -31,7 +32,9 @@ def lower(
     Parameters
     ----------
     model : onnx.ModelProto
-        In float32; for int8 built with ``channels_last=True``, which is faster there.
+        In float32; for int8 best built with ``lowering="int8"``.
+    masked : onnx.ModelProto
+        The same with its masks in operations of `dialect`.
     precision : str
         int8: convolutions and what lies between them in 8-bit integers (QDQ), fitted to `images`.  fp16: all but the
         preprocessing in float16.  bf16: weights stored in bfloat16, arithmetic in float32.
@@ -47,9 +50,9 @@ def lower(
         return model, contract, ()
     check_precision(precision, opset_of(model))
     if precision == "int8":
-        lowered = quantize(model, images, contract.input, contract.detection.working_scales[0])
+        lowered = quantize(masked, images, contract.input, contract.detection.working_scales[0])
     else:
-        lowered = (half_precision if precision == "fp16" else bfloat16_weights)(model)
+        lowered = half_precision(masked) if precision == "fp16" else bfloat16_weights(model)
     its_contract = replace(contract, precision=precision)
     check = measure(stamped(lowered, its_contract), stamped(model, contract), images)
     require(check, log)

@@ -22,7 +22,11 @@ import pytest
 import torch
 from onnx import helper, numpy_helper
 
+from elf_export.lowering import TARGETS
+
 from .runs import Array, one_graph, run_ort, run_reference, with_adjoint
+
+Runner = Callable[[onnx.ModelProto, Mapping[str, Array]], list[Array]]
 
 BASE_SEED = int(os.environ.get("ELF_TEST_SEED", "0"))
 NEVER = 99  # an opset
@@ -118,6 +122,7 @@ def check(case: Case, opset: int) -> None:
                 assert dx.dtype == dtype, f"{label}: gradient of dtype {dx.dtype}"
                 assert dx.shape == values[wrt].shape, f"{label}: gradient of shape {dx.shape}"
                 close(dx, expected[wrt], tolerance, f"{label}: torch.autograd")
+                in_other_forms(model, wrt, feed, run, expected[wrt], tolerance, label)
                 if not dynamic:
                     continue
                 if case.linear:
@@ -132,6 +137,22 @@ def check(case: Case, opset: int) -> None:
             by_differences(model, run_ort, feed, wrt, dx, rng, 1e-2, 2e-2, f"{where}, d{wrt}, float32")
 
 
+def in_other_forms(
+    model: onnx.ModelProto, wrt: str, feed: Mapping[str, Array], run: Runner, expected: Array, tolerance: float,
+    label: str,
+) -> None:  # fmt: skip
+    """The other lowerings, and where one differs from the fast one the operations of `dialect` themselves, in numpy."""
+    fast, forms = with_adjoint(model, wrt).SerializeToString(), {}
+    for lowering in set(TARGETS) - {"fast"}:
+        forms[lowering] = with_adjoint(model, wrt, lowering=lowering)
+        assert_standard(forms[lowering], types=False)
+    forms = {name: form for name, form in forms.items() if form.SerializeToString() != fast}
+    for name, form in forms.items():
+        close(run(form, feed)[1], expected, tolerance, f"{label}, {name}: torch.autograd")
+    if forms and run is run_reference:
+        close(run(with_adjoint(model, wrt, lowering=None), feed)[1], expected, tolerance, f"{label}: in numpy")
+
+
 def by_torch(
     case: Case, values: Mapping[str, Array], rng: np.random.Generator
 ) -> tuple[Array, Array, dict[str, Array]]:
@@ -142,9 +163,6 @@ def by_torch(
     seed = torch.from_numpy(np.asarray(rng.standard_normal(tuple(y.shape))))
     grads = torch.autograd.grad(y, tensors, seed)
     return y.detach().numpy(), seed.numpy(), {n: g.numpy() for n, g in zip(values, grads, strict=True)}
-
-
-Runner = Callable[[onnx.ModelProto, Mapping[str, Array]], list[Array]]
 
 
 def by_linearity(

@@ -13,7 +13,9 @@ from onnx import TensorProto, helper
 from onnx.reference import ReferenceEvaluator
 
 from elf_export.adjoint import build_adjoint
+from elf_export.dialect.reference import OPERATORS
 from elf_export.graph.graph import Graph
+from elf_export.lowering import lower, write_steps
 
 from .stand_ins import STAND_INS
 
@@ -35,8 +37,8 @@ def one_graph(
     return model
 
 
-def with_adjoint(model: onnx.ModelProto, wrt: str, output: str = "y") -> onnx.ModelProto:
-    """`model` with the further input ``seed`` and output ``dx``."""
+def with_adjoint(model: onnx.ModelProto, wrt: str, output: str = "y", lowering: str | None = "fast") -> onnx.ModelProto:
+    """`model` with the further input ``seed`` and output ``dx``; its operations of `dialect` written by `lowering`."""
     graph = Graph(model)
     seed = helper.make_tensor_value_info("seed", graph.elem_type(output), graph.shape(output))
     proto = graph.model.graph
@@ -44,7 +46,14 @@ def with_adjoint(model: onnx.ModelProto, wrt: str, output: str = "y") -> onnx.Mo
     gradient = build_adjoint(graph, output, wrt, seed="seed")
     graph.op("Identity", gradient, name="result", outputs=["dx"])
     proto.output.append(helper.make_tensor_value_info("dx", graph.elem_type(wrt), graph.shape(wrt)))
-    return graph.model
+    return graph.model if lowering is None else write_steps(lower(graph, lowering), lowering).model
+
+
+def differentiated(graph: Graph, output: str, wrt: str, seed: str | None = None, lowering: str = "fast") -> str:
+    """Append the gradient in standard operations, as `build_adjoint` appends it in those of `dialect`."""
+    gradient = build_adjoint(graph, output, wrt, seed)
+    write_steps(lower(graph, lowering, keep=[gradient]), lowering)
+    return gradient
 
 
 def run_ort(model: onnx.ModelProto, feed: Mapping[str, Array]) -> list[Array]:
@@ -58,7 +67,7 @@ def run_ort(model: onnx.ModelProto, feed: Mapping[str, Array]) -> list[Array]:
 
 
 def run_reference(model: onnx.ModelProto, feed: Mapping[str, Array]) -> list[Array]:
-    """Outputs in ONNX's reference evaluator, some of its ops replaced."""
+    """Outputs in ONNX's reference evaluator, some of its ops replaced, `dialect`'s in numpy."""
     with np.errstate(all="ignore"):
-        outputs: list[Array] = ReferenceEvaluator(model, new_ops=STAND_INS).run(None, dict(feed))
+        outputs: list[Array] = ReferenceEvaluator(model, new_ops=[*STAND_INS, *OPERATORS]).run(None, dict(feed))
     return outputs

@@ -12,9 +12,9 @@ from onnx.shape_inference import InferenceError
 from onnxruntime.capi.onnxruntime_pybind11_state import Fail
 
 from elf_export.adjoint import Context, Gradients, registry, supported_ops
-from elf_export.adjoint.phases import Part, whole
-from elf_export.adjoint.rules import conv, pool
+from elf_export.adjoint.rules import pool
 from elf_export.graph.windows import Window
+from elf_export.lowering import plain, scatter
 
 from . import test_pool, test_quantization
 from .every_case import CASES, named
@@ -34,9 +34,9 @@ def replace_rule(monkeypatch: pytest.MonkeyPatch, op: str, wrap: Callable[[Any],
 
 def off_by_a_thousandth(rule: Any) -> Any:
     def wrong(ctx: Context, node: Any, *grads: str | None) -> Gradients:
-        def off(grad: Part | None) -> str | None:
+        def off(grad: str | None) -> str | None:
             factor = ctx.const(1.001, "wrong", like=node.input[0] if node.op_type != "Where" else node.input[1])
-            return grad and ctx.op("Mul", whole(ctx.graph, grad), factor, role="wrongly")
+            return grad and ctx.op("Mul", grad, factor, role="wrongly")
 
         return [off(grad) for grad in rule(ctx, node, *grads)]
 
@@ -156,7 +156,7 @@ def test_ties_that_all_get_the_gradient_are_caught(monkeypatch: pytest.MonkeyPat
 
 
 def test_padding_that_is_forgotten_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (conv, pool):
+    for module in (plain, pool, scatter):
         right = module.begin_pads
 
         def wrong(ctx: Context, window: Window, x: str, right: Any = right) -> str:
@@ -166,6 +166,28 @@ def test_padding_that_is_forgotten_is_caught(monkeypatch: pytest.MonkeyPatch) ->
     for name in ("max_xception", "average_xception", "same_upper_7x10_k3_s2"):
         with pytest.raises(CAUGHT):
             check(named(name), 17)
+
+
+def test_mistakes_in_the_plain_form_are_caught(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the fast form has none: off by a thousandth, the first place left out, a share twice."""
+    scatter_ = plain.scatter
+
+    def times(form: Any, factor: float) -> Any:
+        return lambda site: site.op("Mul", form(site), site.const(factor, "factor", like=site.like))
+
+    def without_first(site: Any, x: str, pieces: dict[Any, str], *others: Any) -> str:
+        return scatter_(site, x, dict(list(pieces.items())[1:]), *others)
+
+    changes: list[tuple[str, Any, str]] = [
+        ("conv_grad", times(plain.conv_grad, 1.001), "pads_1"),
+        ("scatter", without_first, "max_vgg"),
+        ("window_sum", times(plain.window_sum, 2.0), "average_vgg"),
+    ]
+    for name, wrong, case in changes:
+        with monkeypatch.context() as patch:
+            patch.setattr(plain, name, wrong)
+            with pytest.raises(AssertionError, match=r"plain: torch\.autograd"):
+                check(named(case), 17)
 
 
 def test_counting_the_padding_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:

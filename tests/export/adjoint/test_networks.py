@@ -14,12 +14,11 @@ import torch.nn.functional as F
 from onnx import helper
 from torch import nn
 
-from elf_export.adjoint import build_adjoint
 from elf_export.graph.graph import Graph
 from elf_export.graph.passes import fold_constants
 
 from .oracles import assert_standard
-from .runs import run_ort
+from .runs import differentiated, run_ort
 
 pytestmark = pytest.mark.torch
 
@@ -150,7 +149,7 @@ def test_network(kind: type[nn.Module], opset: int, shapes: list[tuple[int, ...]
     torch.manual_seed(0)
     module = kind().eval()
     graph = fold_constants(Graph(exported(module, opset)))
-    gradient = build_adjoint(graph, "y", "x")
+    gradient = differentiated(graph, "y", "x")
     graph.op("Identity", gradient, name="result", outputs=["dx"])
     graph.model.graph.output.append(helper.make_tensor_value_info("dx", 1, ["N", 3, "H", "W"]))
     graph.model.ir_version = min(graph.model.ir_version, 10)

@@ -19,7 +19,7 @@ from elf_export.graph.graph import Graph
 
 from . import test_networks
 from .oracles import assert_standard
-from .runs import one_graph, run_ort, run_reference, with_adjoint
+from .runs import differentiated, one_graph, run_ort, run_reference, with_adjoint
 
 pytestmark = pytest.mark.torch
 
@@ -144,7 +144,7 @@ def test_a_network_that_onnx_runtime_quantised(tmp_path: Path, monkeypatch: pyte
     maps = []
     for model in (plain, quantised):
         graph = Graph(model)
-        gradient = build_adjoint(graph, "y", "x")
+        gradient = differentiated(graph, "y", "x")
         graph.op("Identity", gradient, name="result", outputs=["dx"])
         graph.model.graph.output.append(helper.make_tensor_value_info("dx", 1, ["N", 3, "H", "W"]))
         maps.append(run_ort(graph.model, {"x": x})[1].ravel())

@@ -12,8 +12,11 @@ from onnx import TensorProto, helper, numpy_helper
 from onnx.reference import ReferenceEvaluator
 
 from elf_export.checks.float64 import in_double
-from elf_export.graph.graph import Graph, GraphView, attributes
+from elf_export.dialect import is_own
+from elf_export.dialect.reference import OPERATORS
+from elf_export.graph.graph import Graph, GraphView
 from elf_export.graph.passes import cut
+from elf_export.lowering import write_steps
 from elf_export.precision.int8.candidates import candidates
 from elf_export.precision.int8.convolve import REST
 from elf_export.precision.int8.scheme import Scheme, fitted
@@ -88,9 +91,14 @@ def forward(layers: Layers, seed: int = 0) -> onnx.ModelProto:
     return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
 
 
-def saliency(layers: Layers, channels_last: bool = True) -> onnx.ModelProto:
-    model = forward(layers)
-    return build_saliency(model, f"v{len(layers) - 1}", [], "x", channels_last=channels_last)
+def saliency(layers: Layers, lowering: str = "int8") -> onnx.ModelProto:
+    """With its masks as operations of `dialect`."""
+    return build_saliency(forward(layers), f"v{len(layers) - 1}", [], "x", lowering=lowering, masks=True)
+
+
+def written(model: onnx.ModelProto) -> onnx.ModelProto:
+    """The model in standard operations."""
+    return write_steps(Graph(model)).model
 
 
 def images(size: tuple[int, int] = ODD, count: int = 2) -> np.ndarray:
@@ -114,7 +122,7 @@ def stepwise(
     What is `inside` is rounded for convolutions alone, except those in `steps`.  Nodes go on from `codes`, integers
     that somebody else found: a difference is then that of one node.
     """
-    evaluator = ReferenceEvaluator(in_double(model), new_ops=[LRN])
+    evaluator = ReferenceEvaluator(in_double(model), new_ops=[LRN, *OPERATORS])
     values: Values = dict(evaluator.rt_inits_) | {"": None}  # type: ignore[dict-item]
     convolved: Values = {}
     integers: Values = {}
@@ -155,7 +163,7 @@ def session(model: onnx.ModelProto, path: Path | None = None, optimized: bool = 
     options.graph_optimization_level = levels.ORT_ENABLE_ALL if optimized else levels.ORT_DISABLE_ALL
     if path is not None:
         options.optimized_model_filepath = str(path)
-    return onnxruntime.InferenceSession(model.SerializeToString(), options, ["CPUExecutionProvider"])
+    return onnxruntime.InferenceSession(written(model).SerializeToString(), options, ["CPUExecutionProvider"])
 
 
 def with_values(model: onnx.ModelProto, names: list[str], x: np.ndarray) -> Values:
@@ -188,25 +196,18 @@ def inside_of(lowered: onnx.ModelProto) -> set[str]:
 
 
 def complements_in(model: onnx.ModelProto) -> dict[str, str]:
-    """Mask -> one minus it, by a convolution of all channels alike."""
-    graph = Graph(model)
-    found = [node for node in graph.nodes if node.op_type == "Conv" and len(node.input) == 3]
-    constants = {node.output[0]: [graph.constant(name) for name in node.input[1:]] for node in found}
-    return {
-        node.input[0]: node.output[0]
-        for node in found
-        if all(np.all(value == wanted) for value, wanted in zip(constants[node.output[0]], (-1, 1), strict=True))
-    }
+    """Mask -> one minus it."""
+    return {node.input[0]: node.output[0] for node in model.graph.node if is_own(node, "Complement")}
 
 
 def steps_in(model: onnx.ModelProto) -> set[str]:
-    """The differences that a HardSigmoid makes masks of."""
-    found = {node.input[0] for node in model.graph.node if node.op_type == "HardSigmoid"}
-    return {name for name in found if name.endswith("_difference")}
+    """The differences that masks are steps of."""
+    found = {node.input[0] for node in model.graph.node if is_own(node, "Step")}
+    return {node.output[0] for node in model.graph.node if node.op_type == "Conv" and node.output[0] in found}
 
 
 def with_rounded_weights(model: onnx.ModelProto, lowered: onnx.ModelProto) -> onnx.ModelProto:
-    """Every Conv's kernel in 127 levels a channel, a ConvTranspose's in as many for each channel of each phase.
+    """Every Conv's kernel in 127 levels a channel.
 
     Those that stay in floats in `lowered` are left alone.
     """
@@ -217,13 +218,6 @@ def with_rounded_weights(model: onnx.ModelProto, lowered: onnx.ModelProto) -> on
         if node.op_type == "Conv" and node.output[0] not in steps:
             rounded = graph.constant(node.input[1]).astype(np.float64)
             rounded = in_127_levels(for_rests(rounded) if has_rests(lowered, node.input[0]) else rounded)
-        elif node.op_type == "ConvTranspose":
-            rounded, (top, left) = graph.constant(node.input[1]).astype(np.float64), attributes(node)["pads"][:2]
-            outputs = 0 if attributes(node).get("group", 1) > 1 else 1
-            for a, b in np.ndindex(2, 2):
-                part = rounded[:, :, (a + top) % 2 :: 2, (b + left) % 2 :: 2]
-                part[:] = in_127_levels(part.swapaxes(0, outputs)).swapaxes(0, outputs)
-        if node.op_type == "ConvTranspose" or (node.op_type == "Conv" and node.output[0] not in steps):
             node.input[1] = f"{node.output[0]}/127"
             result.graph.initializer.append(numpy_helper.from_array(rounded.astype(np.float32), node.input[1]))
     return result

@@ -6,13 +6,18 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
+from elf_export.dialect import OWN
 from elf_export.graph.graph import Graph
 from elf_export.precision.half import MANY, bfloat16_weights, half_precision
+from elf_export.saliency import build_saliency
+from elf_export.sources.forward import NETWORK_INPUT
+from elf_export.sources.networks import get_network
 from elf_runtime.model.session import open_session
 
 
 def test_float16_throughout_and_half_the_bytes(vgg) -> None:
-    lowered = half_precision(vgg.model)
+    settings = get_network("vgg").preprocessing
+    lowered = half_precision(build_saliency(vgg.forward, "pool2", [], NETWORK_INPUT, settings, masks=True))
     onnx.checker.check_model(lowered, full_check=True)
     assert lowered.ByteSize() < 0.51 * vgg.model.ByteSize()
     graph = Graph(lowered)
@@ -50,7 +55,7 @@ def test_steps_are_exact_in_float16() -> None:
     """[d > 0] for every float16 there is, the smallest included."""
     every = np.arange(2**16, dtype=np.uint16).view(np.float16)
     values = every[np.isfinite(every)].astype(np.float32)
-    node = helper.make_node("HardSigmoid", ["d"], ["mask"], name="mask", alpha=1e30, beta=-1.0)
+    node = helper.make_node("Step", ["d"], ["mask"], name="mask", domain=OWN)
     infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["N"]) for name in ("d", "mask")]
     graph = helper.make_graph([node], "g", infos[:1], infos[1:])
     lowered = half_precision(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8))

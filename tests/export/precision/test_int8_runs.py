@@ -64,7 +64,7 @@ def vgg8(vgg: Exported, tmp_path_factory: pytest.TempPathFactory) -> tuple[onnx.
     network, folder = get_network("vgg"), tmp_path_factory.mktemp("pictures")
     for seed in range(2):
         cv2.imwrite(str(folder / f"{seed}.png"), textured(96, 128, seed))
-    floats = build_saliency(vgg.forward, "pool2", [], NETWORK_INPUT, network.preprocessing, channels_last=True)
+    floats = build_saliency(vgg.forward, "pool2", [], NETWORK_INPUT, network.preprocessing, lowering="int8", masks=True)
     return floats, quantize(floats, calibration_set(folder), InputSpec(), 1.0)
 
 
@@ -101,7 +101,7 @@ def test_sizes_and_batches(vgg8: tuple[onnx.ModelProto, onnx.ModelProto], size: 
 def test_an_output_keeps_its_name_and_its_values() -> None:
     """A descriptor that the 8-bit path makes is rounded where convolutions read it, and not as an output."""
     model, x = forward(["conv3", "relu", "conv3", "relu"]), images()
-    both = build_saliency(model, "v3", ["v1", "v3"], "x", channels_last=True)
+    both = build_saliency(model, "v3", ["v1", "v3"], "x", lowering="int8", masks=True)
     lowered, _ = rewrite(GraphView(both), schemes_of(both, x))
     names = [value.name for value in both.graph.output]
     assert [value.name for value in lowered.graph.output] == names == ["saliency", "descriptors_v1", "descriptors_v3"]

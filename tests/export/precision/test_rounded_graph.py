@@ -7,10 +7,11 @@ import pytest
 import torch
 from onnx import TensorProto, numpy_helper
 
+from elf_export.dialect import is_own
 from elf_export.graph.graph import Graph, attributes
 from elf_export.precision.int8.scheme import WEIGHT_LEVELS
 
-from .rounded_networks import Network, complements_in, inside_of, rounded_values, with_values
+from .rounded_networks import Network, complements_in, inside_of, rounded_values, steps_in, with_values
 
 
 def test_all_readers_of_a_rounded_value_get_the_rounded_one(network: Network) -> None:
@@ -38,7 +39,7 @@ def test_every_convolution_is_in_integers(network: Network) -> None:
     graph = Graph(lowered)
     makers = graph.producers()
     convolutions = [node for node in graph.nodes if node.op_type == "Conv"]
-    assert len(convolutions) >= sum(node.op_type == "Conv" for node in model.graph.node) - len(complements_in(model))
+    assert len(convolutions) >= sum(node.op_type == "Conv" for node in model.graph.node)
     for node in convolutions:
         depthwise = attributes(node).get("group", 1) > 1
         if depthwise and (node.input[0] not in makers or makers[node.input[0]].op_type != "DequantizeLinear"):
@@ -57,12 +58,12 @@ def test_masks_are_exact(network: Network) -> None:
     model, lowered, x = network
     graph, made = Graph(model), {node.name for node in lowered.graph.node}
     makers = graph.producers()
-    masks = [node for node in graph.nodes if node.op_type == "HardSigmoid" and f"{node.output[0]}/q" in made]
-    steps = [node for node in masks if makers[node.input[0]].name.endswith("_difference")]
-    rooms = [node for node in masks if makers[node.input[0]].name.endswith("/room")]
-    signs = [node for node in masks if node not in steps and node not in rooms]
-    sources = {n.output[0]: makers[n.input[0]].input[0] for n in (*steps, *rooms)}
-    sources |= {n.output[0]: n.input[0] for n in signs}
+    masks = [node for node in graph.nodes if is_own(node) and f"{node.output[0]}/q" in made]
+    steps = [node for node in masks if node.input[0] in steps_in(model)]
+    rooms = [node for node in masks if is_own(node, "Between")]
+    signs = [node for node in masks if is_own(node, "Step") and node not in steps]
+    sources = {node.output[0]: makers[node.input[0]].input[0] for node in steps}
+    sources |= {node.output[0]: node.input[-1] for node in (*rooms, *signs)}
     if not sources:
         pytest.skip("no ReLU or max-pool of rounded values")
     names = [f"{name}/q" for name in (*sources, *sources.values())]

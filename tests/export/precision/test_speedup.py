@@ -47,7 +47,7 @@ POOL = "Pool<kernel_shape = [1, 1]>"
         (f"m = Average{POOL}(c)", 208, 212),
         ("m = Add(c, c)", 208, 212),
         # A mask is a convolution, and a product.
-        ("r = Relu(c)  k = Sign(r)  m = Mul(r, k)", 180, 184),
+        ("r = Relu(c)  k = elf.Step(r)  m = Mul(r, k)", 180, 184),
         # 2 C / 60 = 8 + 6: something reads it in floats.
         ("m = Relu(c)  f = Cos(m)", 420, 424),
     ],

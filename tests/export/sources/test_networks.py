@@ -15,6 +15,7 @@ from elf_export import ExportError, export_network
 from elf_export.checks.pictures import preprocess
 from elf_export.checks.torch_reference import torch_saliency
 from elf_export.graph.receptive_field import receptive_fields
+from elf_export.lowering import TARGETS
 from elf_export.saliency import build_saliency
 from elf_export.sources.forward import NETWORK_INPUT, torch_to_onnx
 from elf_export.sources.networks import Network, get_network, network_names
@@ -99,13 +100,16 @@ def test_the_exported_file_agrees_with_autograd(tmp_path: Path, name: str) -> No
 LAYERS = [(name, layer) for name in NAMES for layer in (get_network(name).default_layer, *ROWS[name].other_layers)]
 
 
+@pytest.mark.parametrize("lowering", TARGETS)
 @pytest.mark.parametrize(("name", "layer"), LAYERS)
-def test_the_same_graph_in_float64_is_exact(name: str, layer: str) -> None:
+def test_the_same_graph_in_float64_is_exact(name: str, layer: str, lowering: str) -> None:
     network = get_network(name)
     settings = network.preprocessing
     module = built(network, [layer])
     forward = torch_to_onnx(module, [layer], settings.channels)
-    model = build_saliency(forward, layer, [], NETWORK_INPUT, settings, differentiate=network.gradient)
+    model = build_saliency(
+        forward, layer, [], NETWORK_INPUT, settings, differentiate=network.gradient, lowering=lowering
+    )
     evaluator = evaluator64(model)
     reference = torch_saliency(module, settings, differentiate=network.gradient)
     for height, width in ((49, 52), (50, 51)):

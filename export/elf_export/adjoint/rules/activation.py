@@ -1,16 +1,16 @@
 """Adjoints of activations made of straight pieces: dx = dy * f'(x), f' being piecewise constant or linear.
 
-Masks are products with steps (`emit.step`) where they can be, which cost a fraction of Greater and Where.  At a
+Masks are products with steps where they can be, which every target has a fast form of.  At a
 kink the choice is torch's for the activation of that name.
 """
 
 from __future__ import annotations
 
+import numpy as np
 import onnx
 
-from elf_export.adjoint.clip import room
-from elf_export.adjoint.emit import as_number, step
 from elf_export.adjoint.registry import Context, Gradients, adjoint
+from elf_export.dialect.emit import as_number, between, step
 
 
 @adjoint("Relu")
@@ -51,13 +51,22 @@ def thresholded_relu(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradien
 
 
 @adjoint("Clip")
-def clip(ctx: Context, _node: onnx.NodeProto, grad_y: str) -> Gradients:
-    """y = min(max(x, lo), hi);  dx = dy [lo < y < hi] = dy [(y - lo) (hi - y) > 0].   lo, hi: () or absent
+def clip(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
+    """y = min(max(x, lo), hi);  dx = dy [lo < y < hi].   lo, hi: () or absent
 
     Both ends get zero, as in torch's relu6 and hardtanh (its clamp passes the gradient there).
     """
-    inside = room(ctx)
-    return [grad_y if inside is None else ctx.op("Mul", grad_y, step(ctx, inside, "mask"), role="dx")]
+    low, high = _bound(ctx, 1, -np.inf), _bound(ctx, 2, np.inf)
+    if not low and not high:
+        return [grad_y]
+    return [ctx.op("Mul", grad_y, between(ctx, low, high, node.output[0], "mask"), role="dx")]
+
+
+def _bound(ctx: Context, index: int, nothing: float) -> str:
+    """Name of a Clip's bound; empty if it is absent, or a constant of the value that bounds nothing."""
+    name = ctx.input(index)
+    value = ctx.value(name)
+    return "" if value is not None and (value == nothing).all() else name
 
 
 @adjoint("HardSigmoid")
@@ -74,7 +83,7 @@ def hard_swish(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     x = node.input[0]
     sixth = ctx.op("Mul", x, ctx.const(1 / 6, "one_sixth", like=x), role="x_over_6")
     shifted = ctx.op("Add", sixth, ctx.const(0.5, "half", like=x), role="shifted")
-    bounds = (ctx.const(value, f"bound_{value}", like=x) for value in (0, 1))
+    bounds = (ctx.const(value, f"gate_{value}", like=x) for value in (0, 1))
     gate = ctx.op("Clip", shifted, *bounds, role="gate")
     slope = ctx.op("Mul", sixth, _inside_unit(ctx, gate, x), role="gate_slope")
     return [ctx.op("Mul", grad_y, ctx.op("Add", gate, slope, role="derivative"), role="dx")]
@@ -86,6 +95,6 @@ def is_positive(ctx: Context, x: str) -> str:
 
 
 def _inside_unit(ctx: Context, h: str, like: str) -> str:
-    """[0 < h < 1] = [h (1 - h) > 0] for h in [0, 1]."""
-    rest = ctx.op("Sub", ctx.const(1, "unit", like=like), h, role="below_one")
-    return step(ctx, ctx.op("Mul", h, rest, role="room"), "inside")
+    """[0 < h < 1]."""
+    zero, one = (ctx.const(value, f"bound_{value}", like=like) for value in (0, 1))
+    return between(ctx, zero, one, h, "inside")

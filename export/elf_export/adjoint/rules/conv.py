@@ -5,10 +5,7 @@ from __future__ import annotations
 import onnx
 
 from elf_export.adjoint.registry import Context, Gradients, adjoint
-from elf_export.adjoint.spatial import begin_pads, crop_spatial, flipped, spatial_shape
-from elf_export.graph.windows import Window, window_of
-
-from . import strided
+from elf_export.dialect.spatial import crop_spatial, spatial_shape
 
 
 def _conv_supports(ctx: Context) -> str | None:
@@ -20,46 +17,13 @@ def _conv_supports(ctx: Context) -> str | None:
 
 @adjoint("Conv", supports=_conv_supports)
 def conv(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
-    """y = W * x + b;  dx = W^T * dy.   W: (O, I/g, k...), x: (N, I, ...), y: (N, O, ...)
+    """y_m = sum over offsets t of W_t x_i + b,  i = s m + d t - p;   dx_i = sum of W_t^T dy_m over all m and t that
+    meet at i.
 
-    Stride 1: again a convolution, the kernel flipped and its channels transposed, pads k - 1 - p; it stays in
-    the blocked layout in which ONNX Runtime convolves, and ConvTranspose does not.
-    Strided, to an image's few channels or depthwise: a convolution for each phase of dx, see `strided`.
-    Otherwise ConvTranspose, whose kernel layout (C_in = O, C_out/g = I/g) is W's own.  Up to s - 1 trailing
-    pixels were never covered by a window: output_padding makes room for them, and what is beyond x is cut.
+    W: (O, I/g, k...), x: (N, I, in...), y: (N, O, out...), strides s, dilations d, padding in front p, groups g.
     """
-    kernel_shape = [d for d in ctx.shape(node.input[1]) or [] if isinstance(d, int)]
-    window = window_of(ctx.graph, node, kernel_shape[2:])
-    group = ctx.attrs.get("group", 1)
-    weight = ctx.value(node.input[1])
-    stride_one = all(s == 1 for s in window.strides)
-    fits = window.begin is not None and all(
-        e - 1 >= p for e, p in zip(window.extent * 2, window.begin + window.end, strict=True)
-    )
-    if stride_one and fits and weight is not None:
-        assert window.begin is not None
-        pads = [e - 1 - p for e, p in zip(window.extent * 2, window.begin + window.end, strict=True)]
-        dx = ctx.op(
-            "Conv", grad_y, ctx.const(flipped(weight, group), "weight"), role="dx",
-            kernel_shape=list(window.kernel), pads=pads, dilations=list(window.dilations), group=group,
-        )  # fmt: skip
-        return [dx]
-    if weight is not None and strided.suits(ctx, window, weight, group):
-        return [strided.conv(ctx, grad_y, window, weight, group)]
-    return [_transposed(ctx, node, grad_y, window, group)]
-
-
-def _transposed(ctx: Context, node: onnx.NodeProto, grad_y: str, window: Window, group: int) -> str:
-    x, n = node.input[0], len(window.kernel)
-    # Padding in front that is static is cut by ConvTranspose itself, otherwise by the Slice.
-    pads = [*(window.begin or (0,) * n), *(0,) * n]
-    full = ctx.op(
-        "ConvTranspose", grad_y, node.input[1], role="dx_full",
-        kernel_shape=list(window.kernel), strides=list(window.strides), dilations=list(window.dilations),
-        group=group, pads=pads, output_padding=[s - 1 for s in window.strides],
-    )  # fmt: skip
-    start = ctx.int64s([0] * n, "dx_start") if window.begin is not None else begin_pads(ctx, window, x)
-    return crop_spatial(ctx, full, start, spatial_shape(ctx, x, "x_size"), "dx", window.spatial_axes)
+    x, weight = node.input[:2]
+    return [ctx.own("ConvGrad", grad_y, weight, x, role="dx", **ctx.attrs)]
 
 
 def _conv_transpose_supports(ctx: Context) -> str | None:

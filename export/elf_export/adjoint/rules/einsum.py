@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import onnx
 
-from elf_export.adjoint.emit import shape_of, unsqueeze
 from elf_export.adjoint.registry import Context, Gradients, adjoint
+from elf_export.dialect.emit import shape_of, unsqueeze
 
 
 @dataclass(frozen=True)

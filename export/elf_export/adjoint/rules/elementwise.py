@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import onnx
 
-from elf_export.adjoint.emit import step
 from elf_export.adjoint.registry import Context, Gradients, adjoint
+from elf_export.dialect.emit import step
 
 
 @adjoint("Add", "Sum", inputs=None, broadcasts=True)

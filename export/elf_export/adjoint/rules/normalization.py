@@ -7,8 +7,8 @@ import math
 import numpy as np
 import onnx
 
-from elf_export.adjoint.emit import mean, reduce, shape_of
 from elf_export.adjoint.registry import Context, Gradients, adjoint
+from elf_export.dialect.emit import mean, reduce, shape_of
 from elf_export.graph.response import Response
 
 from .reduction import safe_inverse

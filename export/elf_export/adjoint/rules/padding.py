@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import onnx
 
-from elf_export.adjoint.emit import FAR, Ints, arithmetic, flip, place, reduce, shape_of, size_of, slice_axes
 from elf_export.adjoint.registry import Context, Gradients, adjoint
+from elf_export.dialect.emit import FAR, Ints, arithmetic, flip, place, reduce, shape_of, size_of, slice_axes
 
 from .shapes import rank_is_known
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import onnx
 
-from elf_export.adjoint.emit import Ints, as_number, reduce, shape_of, unsqueeze
 from elf_export.adjoint.registry import Context, Gradients, adjoint
+from elf_export.dialect.emit import Ints, as_number, reduce, shape_of, unsqueeze
 
 from .shapes import rank_is_known
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import onnx
 
-from elf_export.adjoint.emit import Ints, concat_ints, reduce, shape_of, size_of, slice_axes
 from elf_export.adjoint.registry import Context, Gradients, adjoint
+from elf_export.dialect.emit import Ints, concat_ints, reduce, shape_of, size_of, slice_axes
 
 
 def rank_is_known(ctx: Context) -> str | None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import onnx
 
-from elf_export.adjoint.emit import (
+from elf_export.adjoint.registry import Context, Gradients, adjoint
+from elf_export.dialect.emit import (
     FAR,
     Ints,
     arithmetic,
@@ -21,7 +22,6 @@ from elf_export.adjoint.emit import (
     unsqueeze,
     zeros_like,
 )  # fmt: skip
-from elf_export.adjoint.registry import Context, Gradients, adjoint
 
 from .shapes import rank_is_known
 

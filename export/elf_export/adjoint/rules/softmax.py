@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import onnx
 
-from elf_export.adjoint.emit import reduce
 from elf_export.adjoint.registry import Context, Gradients, adjoint
+from elf_export.dialect.emit import reduce
 
 from .shapes import rank_is_known
 

@@ -12,6 +12,7 @@ from elf_export.calibration import CalibrationSet
 from elf_export.errors import ExportError
 from elf_export.graph.graph import Graph, GraphView
 from elf_export.graph.passes import convolve_averages
+from elf_export.lowering import write_steps
 from elf_runtime import InputSpec
 
 from .candidates import candidates
@@ -28,7 +29,7 @@ def quantize(model: onnx.ModelProto, images: CalibrationSet, spec: InputSpec, sc
     Parameters
     ----------
     model : onnx.ModelProto
-        In float32, opset 13 or later.
+        In float32, opset 13 or later; its masks may be operations of `dialect`.
     images, spec, scale
         As of `ranges.schemes_for`.
 
@@ -44,6 +45,7 @@ def quantize(model: onnx.ModelProto, images: CalibrationSet, spec: InputSpec, sc
     pixels = next(iter(images.batches(spec, scale)))
     while True:
         lowered, origins = rewrite(source, schemes, left)
+        lowered = write_steps(Graph(lowered, copy=False), "int8").model
         if not origins:
             raise ExportError("int8: 8-bit integers make no convolution of this network faster; use fp32, fp16 or bf16")
         lost = losing(lowered, origins, pixels)

@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import onnx
 
-from elf_export.adjoint.emit import STEEP
-from elf_export.adjoint.gradient import ADJOINT
+from elf_export.dialect import is_own
 from elf_export.graph.graph import GraphView, attributes
 from elf_export.graph.response import sums_channels
 
@@ -40,8 +39,6 @@ def candidates(graph: GraphView) -> list[str]:
             after = only_reader(readers, node.output[0])
             clamped = after is not None and after.op_type in CLAMPING
             found[after.output[0] if after is not None and clamped else node.output[0]] = None
-        elif is_spreading(graph, readers, node):
-            found.update(dict.fromkeys([node.input[0], node.output[0]]))
         elif node.op_type in COMBINING and graph.dtype(node.output[0]) == np.float32:
             found[node.output[0]] = None
     return [name for name in found if (graph.rank(name) or 0) == 4]
@@ -62,50 +59,10 @@ def is_convolution(graph: GraphView, node: onnx.NodeProto) -> bool:
     return bool(intense or group > 1)
 
 
-def is_spreading(graph: GraphView, readers: Readers, node: onnx.NodeProto) -> bool:
-    """A strided convolution's adjoint that can be written as convolutions: a ConvTranspose read by its Slice alone."""
-    if node.op_type != "ConvTranspose" or len(node.input) > 2 or graph.dtype(node.input[0]) != np.float32:
-        return False
-    kernel, given = graph.constant(node.input[1]), attributes(node)
-    if kernel is None or kernel.ndim != 4 or {"auto_pad", "output_shape"} & given.keys():
-        return False
-    group, strides, pads = given.get("group", 1), given.get("strides", [1, 1]), given.get("pads", [0] * 4)
-    if (group > 1 and kernel.shape[:2] != (group, 1)) or set(given.get("dilations", [1])) != {1}:
-        return False
-    fits = all(p < k for p, k in zip(pads, kernel.shape[2:], strict=False)) and not any(pads[2:])
-    return bool(fits and strides[0] == strides[1] > 1 and _is_cropped(graph, readers, node))
-
-
-def _is_cropped(graph: GraphView, readers: Readers, node: onnx.NodeProto) -> bool:
-    """Whether all that is read of the node's result is a part from its first row and column on.
-
-    The convolutions make more of both behind its last ones: no end may count from there, nor lie beyond.  Of computed
-    ends that is known of the adjoint's alone.
-    """
-    after = only_reader(readers, node.output[0])
-    if after is None or after.op_type != "Slice" or len(after.input) < 4:
-        return False
-    starts, ends, axes = (graph.constant(name) for name in after.input[1:4])
-    if starts is None or axes is None or starts.any() or not {2, 3} <= {int(axis) % 4 for axis in axes}:
-        return False
-    if ends is None:
-        return node.name.startswith(ADJOINT)
-    sizes = graph.shape(node.output[0]) or [None] * 4
-    limits = [sizes[axis] for axis in axes]
-    return all(isinstance(n, int) and 0 <= end <= n for n, end in zip(limits, ends, strict=True))
-
-
 def makes_step(readers: Readers, node: onnx.NodeProto) -> bool:
-    """Whether all that reads the node is one HardSigmoid so steep that it is a step at zero."""
+    """Whether all that reads the node, a convolution without a bias, is one step."""
     after = only_reader(readers, node.output[0])
-    return after is not None and len(node.input) == 2 and is_steep(after)
-
-
-def is_steep(node: onnx.NodeProto) -> bool:
-    """A HardSigmoid so steep that it is a step at zero."""
-    given = attributes(node)
-    steep = given.get("alpha", 0.2) >= STEEP and -1.0 <= given.get("beta", 0.5) <= 0.0
-    return bool(node.op_type == "HardSigmoid" and steep)
+    return after is not None and len(node.input) == 2 and is_own(after, "Step")
 
 
 def only_reader(readers: Readers, name: str) -> onnx.NodeProto | None:

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 import onnx
 
-from elf_export.graph.graph import attributes
+from elf_export.dialect import is_own
 
-from .candidates import is_convolution, is_steep, makes_step
+from .candidates import is_convolution, makes_step
 from .convolve import convolve
 from .quantizer import Quantizer
 from .scheme import LEVELS, Scheme, reaching
@@ -20,17 +20,14 @@ from .scheme import LEVELS, Scheme, reaching
 
 def mask(quantizer: Quantizer, node: onnx.NodeProto) -> bool:
     """The node as a mask in integers; False where it is none, or its values are no integers."""
-    if node.op_type == "HardSigmoid" and _is_step_of_difference(quantizer, node):
-        return _step(quantizer, node, quantizer.makers[node.input[0]])
-    if node.op_type == "Sign" or is_steep(node):
-        return _sign(quantizer, node) or _between(quantizer, node)
-    return False
-
-
-def _is_step_of_difference(quantizer: Quantizer, node: onnx.NodeProto) -> bool:
-    """Whether the HardSigmoid makes a mask of a difference of its own."""
-    maker = quantizer.makers.get(node.input[0])
-    return maker is not None and is_convolution(quantizer.source, maker) and makes_step(quantizer.readers, maker)
+    if is_own(node, "Step"):
+        maker = quantizer.makers.get(node.input[0])
+        if maker is not None and is_convolution(quantizer.source, maker) and makes_step(quantizer.readers, maker):
+            return _step(quantizer, node, maker)
+        return _positive(quantizer, node)
+    return (is_own(node, "Between") and _between(quantizer, node)) or (
+        is_own(node, "Complement") and _complement(quantizer, node)
+    )
 
 
 def _step(quantizer: Quantizer, node: onnx.NodeProto, difference: onnx.NodeProto) -> bool:
@@ -47,7 +44,7 @@ def _step(quantizer: Quantizer, node: onnx.NodeProto, difference: onnx.NodeProto
     return True
 
 
-def _sign(quantizer: Quantizer, node: onnx.NodeProto) -> bool:
+def _positive(quantizer: Quantizer, node: onnx.NodeProto) -> bool:
     """[x > 0] of values that are never negative: their integers, clipped to 0 and 1; False where it is none."""
     x, name = node.input[0], node.output[0]
     scheme = quantizer.rounding.get(x)
@@ -66,10 +63,13 @@ def _between(quantizer: Quantizer, node: onnx.NodeProto) -> bool:
     The second, read with a negative scale, is top - y in a unit in which the smallest product, that of one level with
     the 254 others, is above 1, which is the largest number that the result's scheme has.
     """
-    y = _clipped_between(quantizer, node)
-    if y is None:
+    low, high, y = node.input
+    bottom, top = (quantizer.source.constant(bound) for bound in (low, high))
+    if not quantizer.is_rounded(y) or bottom is None or bottom.any() or top is None or top.ndim > 0:
         return False
     graph, scheme, name = quantizer.graph, quantizer.rounding[y], node.output[0]
+    if scheme.zero or scheme != reaching(float(top)):
+        return False
     unit = graph.const(np.float32(-1 / ((LEVELS - 5) * scheme.scale)), f"{name}/room_scale")
     zero = graph.const(np.uint8(LEVELS), f"{name}/room_zero")
     room = graph.op("DequantizeLinear", quantizer.integers[y], unit, zero, name=f"{name}/room")
@@ -78,42 +78,16 @@ def _between(quantizer: Quantizer, node: onnx.NodeProto) -> bool:
     return True
 
 
-def _clipped_between(quantizer: Quantizer, node: onnx.NodeProto) -> str | None:
-    """y of the step of y (top - y), if y is rounded to levels from 0 to top."""
-    room = quantizer.makers.get(node.input[0])
-    if room is None or room.op_type != "Mul":
-        return None
-    y, below = room.input
-    difference = quantizer.makers.get(below)
-    if difference is None or difference.op_type != "Sub" or difference.input[1] != y or not quantizer.is_rounded(y):
-        return None
-    top, scheme = quantizer.source.constant(difference.input[0]), quantizer.rounding[y]
-    reaches = top is not None and top.ndim == 0 and scheme.zero == 0 and scheme == reaching(float(top))
-    return y if reaches else None
-
-
-def complement(quantizer: Quantizer, node: onnx.NodeProto) -> bool:
-    """1 - m of a mask m, a convolution in floats: the mask's integers, read from their other end; False where none.
+def _complement(quantizer: Quantizer, node: onnx.NodeProto) -> bool:
+    """1 - m of a mask m that is a factor: the mask's integers, read from their other end; False where it is none.
 
     With m = s (q - z),  1 - m = -s (q - (z + 1 / s)).
     """
     x, name = node.input[0], node.output[0]
-    readers = quantizer.readers.get(name, [])
-    factor = name not in quantizer.outputs and all(reader.op_type == "Mul" for reader in readers)
-    if x not in quantizer.masks or not factor or not _takes_from_one(quantizer, node):
+    factor = all(reader.op_type == "Mul" for reader in quantizer.readers.get(name, []))
+    if x not in quantizer.masks or name in quantizer.outputs or not factor:
         return False
     scheme = quantizer.rounding[x]
     quantizer.dequantize(name, quantizer.integers[x], Scheme(-scheme.scale, scheme.zero + round(1 / scheme.scale)))
     quantizer.masks.add(name)
     return True
-
-
-def _takes_from_one(quantizer: Quantizer, node: onnx.NodeProto) -> bool:
-    """Whether the Conv is 1 - x, value by value."""
-    if len(node.input) < 3:
-        return False
-    kernel, bias = (quantizer.source.constant(name) for name in node.input[1:])
-    given = attributes(node)
-    alone = kernel is not None and kernel.shape == (given.get("group", 1), 1, 1, 1)
-    stays = set(given.get("strides", [1])) == {1} and not any(given.get("pads", [0]))
-    return bool(alone and stays and np.all(kernel == -1) and bias is not None and np.all(bias == 1))

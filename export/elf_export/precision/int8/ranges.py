@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from elf_export.calibration import CalibrationSet
-from elf_export.graph.graph import GraphView
+from elf_export.graph.graph import Graph, GraphView
+from elf_export.lowering import write_steps
 from elf_runtime import InputSpec
 from elf_runtime.model.session import open_session
 
@@ -29,7 +30,7 @@ def schemes_for(
         Working scale at which the network will see images.
     """
     wanted = [name for name in names if name not in graph.inputs]
-    part = graph.part(wanted)
+    part = write_steps(Graph(graph.part(wanted), copy=False), "int8").model
     for value in part.graph.output:
         value.type.tensor_type.ClearField("shape")
     session, _ = open_session(part.SerializeToString())

@@ -14,12 +14,11 @@ import onnx
 
 from elf_export.graph.graph import GraphView, attributes
 
-from .candidates import CLAMPING, COMBINING, MOVING, is_convolution, is_spreading, makes_step, only_reader
+from .candidates import CLAMPING, COMBINING, MOVING, is_convolution, makes_step, only_reader
 from .convolve import BREADTH, convolve, magnitude_of_two, two_steps_of
-from .masks import complement, mask
+from .masks import mask
 from .quantizer import Quantizer
 from .scheme import Scheme, reaching
-from .spread import spread
 
 
 def rewrite(
@@ -53,13 +52,8 @@ def rewrite(
 
 def _visit(quantizer: Quantizer, node: onnx.NodeProto) -> None:
     if is_convolution(quantizer.source, node):
-        if not (makes_step(quantizer.readers, node) or complement(quantizer, node)):
+        if not makes_step(quantizer.readers, node):
             _convolution(quantizer, node)
-    elif is_spreading(quantizer.source, quantizer.readers, node):
-        if node.output[0] in quantizer.schemes and _is_fed_integers(quantizer, node):
-            spread(quantizer, node)
-        else:
-            quantizer.keep(node)
     elif not (mask(quantizer, node) or (node.op_type in MOVING and _moved(quantizer, node))):
         quantizer.keep(node)
         _round_result(quantizer, node)
@@ -70,7 +64,7 @@ def _is_fed_integers(quantizer: Quantizer, node: onnx.NodeProto) -> bool:
     x = node.input[0]
     if node.output[0] in quantizer.left:
         return False
-    dear = attributes(node).get("group", 1) == 1 or node.op_type == "ConvTranspose"
+    dear = attributes(node).get("group", 1) == 1
     if x not in quantizer.rounding and x in quantizer.schemes and dear:
         # Others may compare it with what is not rounded, such as a max-pool's inputs with its result.
         quantizer.round(x, quantizer.schemes[x])

@@ -19,7 +19,7 @@ from elf_export.graph.graph import Graph, GraphView, attributes
 from elf_runtime.model.session import open_session
 
 from .candidates import CLAMPING
-from .spread import all_phases
+from .convolve import BREADTH
 
 MACS = 60  # multiply-adds of a convolution in floats that take as long, less those of one in integers
 DEEPER = 4  # copying channels, to have a multiple of four, and convolving the copies: for each value of them all
@@ -121,10 +121,11 @@ class _Regions:
     def _gain_of_conv(self, node: onnx.NodeProto, size: float) -> float:
         if attributes(node).get("group", 1) > 1:
             return size
-        if node.output[0] == all_phases(self.origins.get(node.output[0], "")):
-            # An image's, finely and coarsely: twice the channels that floats have in phases, in as much time.
-            return 0.0
         kernel = self.graph.shape(self.makers[node.input[1]].input[0]) or []
+        in_two_steps = self.origins.get(node.output[0], node.output[0]) != node.output[0]
+        if in_two_steps and isinstance(kernel[0], int) and kernel[0] > BREADTH:
+            # Finely and coarsely: twice the channels that floats have, in as much time.
+            return 0.0
         depth = float(np.prod([d for d in kernel[1:] if isinstance(d, int)]))
         source = self.makers.get(node.input[0])
         while source is not None and source.op_type in ("DequantizeLinear", "Gather"):

@@ -7,10 +7,10 @@ import pytest
 import torch
 from onnx import TensorProto, helper
 
-from elf_export.adjoint import build_adjoint, depthwise, phases
-from elf_export.adjoint.registry import Context
-from elf_export.adjoint.rules import interleaved, split_pool
 from elf_export.graph.graph import Graph
+from elf_export.lowering import depthwise, fast, pools
+from elf_export.lowering.site import Site
+from export.adjoint.runs import differentiated as with_gradient
 
 from .chains import CHAINS, CHANNELS, KERNELS, SIZES, by_torch, chain, evaluated, problem
 
@@ -21,9 +21,9 @@ def differentiated(layers: list[str], kernels: dict[str, np.ndarray], seed: str 
     if seed is not None:
         shape = graph.shape(output.name)
         graph.model.graph.input.append(helper.make_tensor_value_info(seed, TensorProto.DOUBLE, shape))
-    gradient = build_adjoint(graph, output.name, "x", seed, channels_last=True)
-    pools = sum(node.name.endswith("/interleaved") for node in graph.nodes)
-    assert pools == layers.count("pool")
+    gradient = with_gradient(graph, output.name, "x", seed, "int8")
+    joins = sum(node.name.endswith("/interleaved") for node in graph.nodes)
+    assert joins == sum(kind == "pool" or kind.startswith("down") for kind in layers)
     assert not any(node.op_type == "DepthToSpace" for node in graph.nodes)  # no phases
     return graph, gradient
 
@@ -84,8 +84,8 @@ def test_what_no_window_covers_is_zero(size: tuple[int, int]) -> None:
 @pytest.mark.parametrize("rectified", [False, True])
 @pytest.mark.parametrize(("pad", "ceil"), [(0, 0), (0, 1), (1, 0), (1, 1)])
 @pytest.mark.parametrize("size", [(7, 9), (8, 8), (8, 11), (9, 10), (3, 3), (4, 5)])
-@pytest.mark.parametrize("channels_last", [False, True])
-def test_windows_that_overlap(size: tuple[int, int], pad: int, ceil: int, rectified: bool, channels_last: bool) -> None:
+@pytest.mark.parametrize("lowering", ["fast", "int8"])
+def test_windows_that_overlap(size: tuple[int, int], pad: int, ceil: int, rectified: bool, lowering: str) -> None:
     """Against torch, with a seed of any sign, on values in halves, which tie; zeros pad where a ReLU is before only."""
     rng = np.random.default_rng(0)
     x = np.round(2 * rng.standard_normal((2, CHANNELS, *size))) / 2
@@ -104,7 +104,7 @@ def test_windows_that_overlap(size: tuple[int, int], pad: int, ceil: int, rectif
                               opset_imports=[helper.make_opsetid("", 17)])  # fmt: skip
     graph = Graph(model)
     graph.model.graph.input.append(infos[2])
-    gradient = build_adjoint(graph, "y", "x", "given", channels_last=channels_last)
+    gradient = with_gradient(graph, "y", "x", "given", lowering)
     assert any(node.op_type == "DepthToSpace" for node in graph.nodes) == bool((pad or ceil) and not rectified)
     with np.errstate(over="ignore"):  # the general form pads with the lowest number there is
         found = evaluated(graph, gradient, x, given=given)
@@ -113,43 +113,42 @@ def test_windows_that_overlap(size: tuple[int, int], pad: int, ceil: int, rectif
 
 def test_mistakes_with_windows_that_overlap_are_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     """The last of those that tie, a shift to the wrong side, a seed that is not cleared under padding."""
-    right, shifted = interleaved._beats, interleaved._shifted
+    right, shifted = pools._beats, pools._shifted
     changes = [
         ("_beats", lambda *args: right(*args[:-2], args[-1], args[-2])),
-        ("_shifted", lambda ctx, piece, axis, by, role: shifted(ctx, piece, axis, 1 - by, role)),
+        ("_shifted", lambda site, piece, axis, by, role: shifted(site, piece, axis, 1 - by, role)),
     ]
     for name, wrong in changes:
         with monkeypatch.context() as patch:
-            patch.setattr(interleaved, name, wrong)
+            patch.setattr(pools, name, wrong)
             with pytest.raises(AssertionError):
-                test_windows_that_overlap((8, 11), 0, 0, False, True)
+                test_windows_that_overlap((8, 11), 0, 0, False, "int8")
     with monkeypatch.context() as patch:
-        patch.setattr(split_pool, "step", lambda ctx, y, _: ctx.op("HardSigmoid", y, alpha=0.0, beta=1.0))
+        patch.setattr(fast, "step", lambda site, y, _: site.op("HardSigmoid", y, alpha=0.0, beta=1.0))
         with pytest.raises(AssertionError):
-            test_windows_that_overlap((8, 11), 1, 0, True, True)
+            test_windows_that_overlap((8, 11), 1, 0, True, "int8")
 
 
 def test_a_mistake_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     """The two rows swapped, the last place to tie, a seed that is not cleared: each fails one of the tests above."""
-    right = split_pool.right_wins
+    right = pools.right_wins
     with monkeypatch.context() as patch:
-        patch.setattr(split_pool, "right_wins", lambda ctx, row: right(ctx, 1 - row))
+        patch.setattr(pools, "right_wins", lambda site, row: right(site, 1 - row))
         with pytest.raises(AssertionError):
             test_exact_in_float64("one pool", (3, 3), (13, 17))
     with monkeypatch.context() as patch:
-        patch.setattr(split_pool, "right_wins", lambda ctx, row: _not_left(ctx, row))
+        patch.setattr(pools, "right_wins", lambda site, row: _not_left(site, row))
         with pytest.raises(AssertionError):
             test_a_tie_goes_to_the_first_in_raster_order()
     with monkeypatch.context() as patch:
-        patch.setattr(split_pool, "is_rectified", lambda _ctx, _x: False)
-        patch.setattr(phases, "_is_masked", lambda _grad, _y: True)
+        patch.setattr(fast, "step", lambda site, y, _: site.op("HardSigmoid", y, alpha=0.0, beta=1.0))
         with pytest.raises(AssertionError):
             test_a_seed_of_any_sign(["conv1", "relu", "pool"])
 
 
-def _not_left(ctx: Context, row: int) -> str:
+def _not_left(site: Site, row: int) -> str:
     """[right >= left]: of a tie, the right place."""
     kernel = np.zeros((2, 2))
     kernel[row] = 1, -1
-    left = depthwise.step(ctx, ctx.node.input[0], kernel, [2, 2], f"left_wins_{row}")
-    return interleaved._complement(ctx, left, f"right_wins_or_ties_{row}")
+    left = depthwise.step(site, site.like, kernel, [2, 2], f"left_wins_{row}")
+    return site.own("Complement", left, role=f"right_wins_or_ties_{row}")

@@ -12,11 +12,11 @@ import pytest
 import torch
 from onnx import TensorProto, helper, numpy_helper
 
-from elf_export.adjoint import build_adjoint
-from elf_export.adjoint.rules import strided
 from elf_export.graph.graph import Graph
 from elf_export.graph.windows import Window
+from elf_export.lowering import phases
 from elf_export.saliency import SALIENCY, build_saliency
+from export.adjoint.runs import differentiated as with_gradient
 
 from .chains import evaluated
 
@@ -97,7 +97,7 @@ def differentiated(
     """The graph with the gradient built in, the gradient's name, images, and torch's gradient there."""
     model, x, wanted = problem(kernel, pads, size, stride)
     graph = Graph(model)
-    return graph, build_adjoint(graph, "y", "x"), x, wanted
+    return graph, with_gradient(graph, "y", "x"), x, wanted
 
 
 @pytest.mark.parametrize(("kernel", "pads"), [*FORMS, ((3, 3), (1, 0, 1, 1)), ((5, 5), (2, 2, 2, 2))])
@@ -106,7 +106,7 @@ def test_depthwise_in_four_phases(kernel: tuple[int, int], pads: tuple[int, ...]
     """Where every phase has a tap, and rows and columns are as many as each other's phases have."""
     model, x, wanted = problem(kernel, pads, size, depthwise=True)
     graph = Graph(model)
-    gradient = build_adjoint(graph, "y", "x")
+    gradient = with_gradient(graph, "y", "x")
     over = [k - pads[axis] - pads[axis + 2] for axis, k in enumerate(kernel)]
     alike = min(kernel) > 1 and over[0] % 2 == over[1] % 2
     assert any(node.op_type == "ConvTranspose" for node in graph.nodes) is not alike
@@ -140,24 +140,36 @@ def test_the_saliency_averages_in_phases(
 def test_other_forms_stay_with_the_transposed_convolution(pads: tuple[int, ...], attributes: dict[str, object]) -> None:
     weight = np.random.default_rng(0).standard_normal((RESULTS, 1 if "group" in attributes else CHANNELS, 3, 3))
     graph = Graph(layer(weight, pads, **attributes))
-    build_adjoint(graph, "y", "x")
+    with_gradient(graph, "y", "x")
     assert any(node.op_type == "ConvTranspose" for node in graph.nodes)
 
 
-def test_8_bit_graphs_keep_it() -> None:
-    """They have phases of their own (quantize.spread), of rounded numbers."""
-    graph = Graph(problem((3, 3), (1, 1, 1, 1), (12, 16))[0])
-    build_adjoint(graph, "y", "x", channels_last=True)
-    assert any(node.op_type == "ConvTranspose" for node in graph.nodes)
+@pytest.mark.parametrize("stride", [2, 3])
+@pytest.mark.parametrize("channels", [3, 16])
+def test_8_bit_graphs_have_plain_convolutions(channels: int, stride: int) -> None:
+    """Of any number of channels: one for all phases where they are few, one for each where they are many."""
+    rng = np.random.default_rng(0)
+    weight, x = rng.standard_normal((RESULTS, channels, 3, 3)), rng.standard_normal((2, channels, 13, 17))
+    image = torch.tensor(x, requires_grad=True)
+    y = torch.nn.functional.conv2d(image, torch.tensor(weight), stride=stride, padding=1)
+    (wanted,) = torch.autograd.grad(y, image, y.detach())
+    model = layer(weight, (1, 1, 1, 1), strides=[stride] * 2)
+    model.graph.input[0].type.tensor_type.shape.dim[1].dim_value = channels
+    graph = Graph(model)
+    gradient = with_gradient(graph, "y", "x", lowering="int8")
+    convolutions = [node for node in graph.nodes if node.op_type == "Conv" and node.name.startswith("adj/")]
+    assert len(convolutions) == (1 if channels == CHANNELS else stride**2)
+    assert not any(node.op_type == "ConvTranspose" for node in graph.nodes)
+    np.testing.assert_allclose(evaluated(graph, gradient, x), wanted.numpy(), atol=1e-11)
 
 
 def test_a_mistake_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     """Taps one row and column further; phases in another order; too few rows and columns."""
-    right, phases = strided._kernel, strided.PHASES
+    taps, overhang = phases._taps, phases.overhang
 
-    def further(weight: np.ndarray, window: Window, *others: Any) -> np.ndarray:
+    def further(window: Window, *others: Any) -> list[tuple[int, int, int]]:
         assert window.begin is not None
-        return right(weight, dataclasses.replace(window, begin=tuple(b + 1 for b in window.begin)), *others)
+        return taps(dataclasses.replace(window, begin=tuple(b + 1 for b in window.begin)), *others)
 
     def exact() -> None:
         test_exact_in_float64((3, 3), (1, 1, 1, 1), (13, 17))
@@ -169,13 +181,13 @@ def test_a_mistake_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
         test_depthwise_in_four_phases((3, 3), (1, 1, 1, 1), (13, 17))
 
     mistakes: list[tuple[str, object, list[Callable[[], None]]]] = [
-        ("_kernel", further, [exact, depthwise]),
-        ("PHASES", phases[::-1], [depthwise]),
-        ("_overhang", lambda _: [1, 1], [of_more_phases]),
+        ("_taps", further, [exact, depthwise]),
+        ("all_phases", lambda step: list(np.ndindex(step, step))[::-1], [depthwise]),
+        ("overhang", lambda window: [1, 1] if window.strides[0] == 3 else overhang(window), [of_more_phases]),
     ]
     for name, wrong, tests in mistakes:
         with monkeypatch.context() as patch:
-            patch.setattr(strided, name, wrong)
+            patch.setattr(phases, name, wrong)
             for test in tests:
-                with pytest.raises(AssertionError):
+                with pytest.raises((AssertionError, ValueError)):
                     test()

@@ -9,9 +9,9 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from elf_export.adjoint import build_adjoint
 from elf_export.graph.graph import Graph, attributes
 from elf_export.saliency import GRADIENT, SALIENCY, build_gradient, build_saliency
+from export.adjoint.runs import differentiated
 
 from .chains import CHAINS, CHANNELS, KERNELS, OTHER_SIZE, SIZES, by_torch, chain, eighths, evaluated, problem
 
@@ -22,7 +22,7 @@ from .chains import CHAINS, CHANNELS, KERNELS, OTHER_SIZE, SIZES, by_torch, chai
 def test_exact_in_float64(name: str, kernel: tuple[int, int], size: tuple[int, int]) -> None:
     layers, kernels, x, seed = problem(name, kernel, size)
     graph = Graph(chain(layers, kernels))
-    gradient = build_adjoint(graph, graph.model.graph.output[0].name, "x")
+    gradient = differentiated(graph, graph.model.graph.output[0].name, "x")
     assert any(node.name.endswith("/dx_00") for node in graph.nodes)  # in phases
     found = evaluated(graph, gradient, x)
     wanted = by_torch(layers, kernels, x)
@@ -36,7 +36,7 @@ def test_convolutions_that_change_the_size(kind: str) -> None:
     kernels = {name: eighths(rng.standard_normal((CHANNELS, c, 3, 3))) for name, c in (("conv1", 3), (kind, CHANNELS))}
     layers, x = ["conv1", kind, "pool"], eighths(rng.standard_normal((1, 3, 13, 16)))
     graph = Graph(chain(layers, kernels))
-    found = evaluated(graph, build_adjoint(graph, graph.model.graph.output[0].name, "x"), x)
+    found = evaluated(graph, differentiated(graph, graph.model.graph.output[0].name, "x"), x)
     wanted = by_torch(layers, kernels, x)
     assert found.shape == wanted.shape
     assert np.abs(found - wanted).max() <= 1e-10 * np.abs(wanted).max()
@@ -57,14 +57,14 @@ def test_the_saliency_of_phases(name: str, size: tuple[int, int]) -> None:
 def test_a_chain_to_the_image_is_put_together_only_there(vgg_like: Graph) -> None:
     """Between a pool and the image nothing is interleaved; only the three-channel gradient is."""
     joins = [(node.name, node.op_type) for node in vgg_like.nodes if node.name.endswith("/interleaved")]
-    assert joins == [("adj/v4/interleaved", "Reshape"), ("adj/x/interleaved", "DepthToSpace")]
+    assert joins == [("adj/v5/interleaved", "Reshape"), ("adj/v0/interleaved", "DepthToSpace")]
 
 
 @pytest.mark.parametrize("name", ["VGG's first blocks", "a mobile network's blocks"])
 def test_masks_read_no_rows_that_they_do_not_need(name: str) -> None:
     """A map that has left the caches is read once for its even rows and once for its odd ones; columns likewise."""
     graph = Graph(chain(*problem(name, (3, 3), (12, 16))[:2]))
-    build_adjoint(graph, graph.model.graph.output[0].name, "x")
+    differentiated(graph, graph.model.graph.output[0].name, "x")
     masks = [node for node in graph.nodes if re.search(r"(mask_\d\d|right_wins_\w+)_difference$", node.name)]
     assert len(masks) >= 8
     for node in masks:
@@ -85,7 +85,7 @@ def vgg_like() -> Graph:
     rng = np.random.default_rng(0)
     kernels = {f"conv{i}": rng.standard_normal((CHANNELS, 3 if i == 1 else CHANNELS, 3, 3)) for i in (1, 2, 3)}
     graph = Graph(chain(CHAINS["VGG's first blocks"], kernels))
-    build_adjoint(graph, graph.model.graph.output[0].name, "x")
+    differentiated(graph, graph.model.graph.output[0].name, "x")
     return graph
 
 
