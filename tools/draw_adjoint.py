@@ -22,7 +22,7 @@ from elf_export.graph.graph import Graph, reduce_mean
 from elf_export.lowering import lower, write_steps
 
 ROOT = Path(__file__).resolve().parent.parent
-WIDTH, HEIGHT, ACROSS, DOWN = 118, 24, 132, 46  # of a box, and from one to the next, in pixels
+WIDTH, HEIGHT, ACROSS, DOWN = 156, 34, 170, 58  # of a box, and from one to the next, in pixels
 COLORS = {"network": "#cfd8dc", "dialect": "#ffcc80", "standard": "#bbdefb"}
 
 
@@ -75,7 +75,9 @@ def drawn(graph: Graph) -> str:
     lines.append(box((x, 0), "image x", "white"))
     for i, node in enumerate(nodes):
         kind = "dialect" if is_own(node) else "standard" if "/" in node.name else "network"
-        lines.append(box(places[i], node.op_type, COLORS[kind]))
+        lines.append(
+            box(places[i], node.op_type, COLORS[kind], node.name.rpartition("/")[2] if "/" in node.name else "")
+        )
     return "\n".join([*lines, "</svg>", ""])
 
 
@@ -91,12 +93,16 @@ def placed(rows: Sequence[Sequence[int]], edges: Sequence[Sequence[int]]) -> Map
     return order
 
 
-def box(at: tuple[float, float], text: str, color: str) -> str:
+def box(at: tuple[float, float], text: str, color: str, role: str = "") -> str:
+    """An operator, and below it what it is for."""
     x, y = at
-    return (
-        f'<rect x="{x:.0f}" y="{y:.0f}" width="{WIDTH}" height="{HEIGHT}" rx="4" fill="{color}" stroke="#607d8b"/>'
-        f'<text x="{x + WIDTH / 2:.0f}" y="{y + 16:.0f}" text-anchor="middle">{escape(text)}</text>'
-    )
+    written = [
+        f'<text x="{x + WIDTH / 2:.0f}" y="{y + down:.0f}" text-anchor="middle" fill="{fill}">{escape(line)}</text>'
+        for line, down, fill in ((text, 15 if role else 21, "black"), (role, 28, "#546e7a"))
+        if line
+    ]
+    frame = f'<rect x="{x:.0f}" y="{y:.0f}" width="{WIDTH}" height="{HEIGHT}" rx="4" fill="{color}" stroke="#607d8b"/>'
+    return frame + "".join(written)
 
 
 def line(start: tuple[float, float], end: tuple[float, float]) -> str:

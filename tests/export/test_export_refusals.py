@@ -49,12 +49,12 @@ def test_unknown_layer_is_a_layer_error() -> None:
 
 def test_a_graph_that_disagrees_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrong adjoint (the kernel not flipped) fails verification, exits non-zero, and leaves no file."""
-    from elf_export.lowering import fast, phases
+    from elf_export.lowering import common, phases
 
     def unflipped(weight: np.ndarray, group: int) -> np.ndarray:
         return np.ascontiguousarray(weight.swapaxes(0, 1))
 
-    monkeypatch.setattr(fast, "flipped", unflipped)
+    monkeypatch.setattr(common, "flipped", unflipped)
     monkeypatch.setattr(phases, "transposed", lambda weight, group: unflipped(weight[..., ::-1, ::-1], group))
     with pytest.raises(VerificationError, match=r"(?s)disagrees with its reference.*No file was written"):
         export_network("vgg", "pool1", [], tmp_path / "a.onnx", offline=True)

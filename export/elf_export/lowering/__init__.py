@@ -1,9 +1,9 @@
 """The operations of `dialect` in standard ONNX ones, in the form that is fast where the graph will run.
 
-A target is a file: `plain` uses nothing clever, `blocked` is for float CPUs, `channels_last` for 8-bit ones.  `walk`
-goes through the graph, `fast` is what the latter two have in common; `phases`, `pools`, `interleave`, `depthwise` and
-`scatter` are their means.  `steps` writes out what is left, the masks.  May import `dialect` and `graph`; nothing here
-knows how an operation of the network is differentiated.
+`walk` goes through the graph, with the forms of `plain`, which uses nothing clever.  Every other target is a file:
+`blocked` is for float CPUs, `channels_last` for 8-bit ones, `common` what the two have in common; `phases`, `pools`,
+`interleave`, `depthwise` and `scatter` are their means.  `steps` writes out what is left, the masks.  May import
+`dialect` and `graph`; nothing here knows how an operation of the network is differentiated.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from elf_export.dialect.emit import step
 from elf_export.graph.windows import Window
 
 from . import depthwise, plain
-from .fast import Fast
+from .common import Common
 from .phases import Extent, Phases, can_convolve, convolve, extent_of, masked, overhang
 from .site import Site, channels_of
 from .walk import Made
@@ -18,14 +18,14 @@ from .walk import Made
 FARTHEST = 4  # pixels from one window to the next; putting more phases together takes longer
 
 
-class Blocked(Fast):
-    """requires, call, ensures : as of `Fast`.
+class Blocked(Common):
+    """requires, call, ensures : as of `Common`.
 
     The gradient of a 2x2 pool is four phases, which pass through ReLUs and convolutions of stride 1; it is put together
     only where something wants it whole, at the latest at the image, where it has three channels.
     """
 
-    def near(self, site: Site, dy: str) -> str:
+    def in_layout(self, site: Site, dy: str) -> str:
         """Back into the blocked layout at once what was put together outside it."""
         return depthwise.convolve(site, dy, [[1]], [1, 1], "dy_blocked") if dy in self.interleaved else dy
 
@@ -84,8 +84,8 @@ class Blocked(Fast):
 
 def _waste(window: Window) -> float:
     """Multiplications by the one kernel of all phases, for each that the layer has."""
-    step = window.strides[0]
+    stride = window.strides[0]
     assert window.begin is not None, "checked by can_convolve"
-    shifts = [len({(a + p - t) // step for a in range(step) for t in range(k) if (a + p - t) % step == 0} | {0})
+    shifts = [len({(a + p - t) // stride for a in range(stride) for t in range(k) if (a + p - t) % stride == 0} | {0})
               for k, p in zip(window.kernel, window.begin, strict=True)]  # fmt: skip
-    return step**2 * math.prod(shifts) / math.prod(window.kernel)
+    return stride**2 * math.prod(shifts) / math.prod(window.kernel)

@@ -11,15 +11,15 @@ from collections.abc import Collection
 from elf_export.graph.graph import Graph
 
 from . import depthwise, plain
-from .fast import Fast
+from .common import Common
 from .phases import Extent, Phases, can_convolve, convolve
 from .site import Site
 from .walk import Made
 
 
-class ChannelsLast(Fast):
-    """requires, call : as of `Fast`.
-    ensures : as of `Fast`; Between is left, for the pass that rounds.
+class ChannelsLast(Common):
+    """requires, call : as of `Common`.
+    ensures : as of `Common`; Between is left, for the pass that rounds.
     """
 
     by_masks = True

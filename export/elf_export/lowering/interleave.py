@@ -4,6 +4,8 @@ In the blocked layout in which ONNX Runtime convolves, and in NCHW, interleaving
 moves whole pixels: joining two maps along the channels IS interleaving their columns, once the result is read as twice
 as many pixels, and joining rows along the width is interleaving them.  ONNX Runtime changes from blocks to channels
 last and back in one go.
+
+requires : known channels.
 """
 
 from __future__ import annotations

@@ -7,6 +7,8 @@ The phases of a map v, of step d, are
 The gradients of a 2x2 max-pool and of a strided convolution are made phase by phase, and putting the phases together
 moves every value, outside the blocked layout in which ONNX Runtime convolves.  A convolution's gradient can read them
 as they are: the same multiplications, sorted by phase.
+
+requires : two spatial axes; known channels; of `convolve` that `can_convolve` says so.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from .site import Site
 
 Phase = tuple[int, int]  # its row a and column b
 Tap = tuple[int, int, int]  # along one axis: shift u, phase a of dx, tap t
+Shared = dict[tuple[tuple[int, ...], bytes], str]  # shape and values of a constant -> its name
 
 
 class Extent(Enum):
@@ -34,7 +37,7 @@ class Extent(Enum):
 
     FLOOR = "H // d"  # as floor-mode pooling leaves them: what it drops is zero and not held
     CEIL = "(H + d - 1) // d"
-    BEYOND = "up to one more"
+    BEYOND = "up to one more than CEIL"
 
 
 @dataclass(frozen=True)
@@ -47,8 +50,7 @@ class Phases:
     step : int
         Places from one value of a phase to the next.  Of step 1 there is one phase, v itself.
     extent : Extent
-        Of h and w.  One piece, which is only put together and cut, may be of CEIL along one axis; it is then said to
-        be of BEYOND.
+        Of h and w.  What is only put together and cut may be of CEIL along one axis; it is then said to be of BEYOND.
     clean : bool
         Whether what the pieces hold beyond H and W is zero.
     """
@@ -81,7 +83,7 @@ def can_convolve(window: Window, weight: Array | None, group: int) -> bool:
 
 
 def overhang(window: Window) -> list[int]:
-    """Along each axis: rows of a kernel that are no padding, where there is one window: k - p - q."""
+    """Along each axis: the image's rows that a single window sees: k - p - q."""
     assert window.begin is not None, "checked by can_convolve"
     return [k - p - q for k, p, q in zip(window.kernel, window.begin, window.end, strict=True)]
 
@@ -103,7 +105,7 @@ def convolve(site: Site, dy: Phases, weight: Array, window: Window, group: int, 
     wanted: list[list[Phase]] = [[phase] for phase in all_phases(window.strides[0] * dy.step)]
     if together and group == 1:
         wanted = [[phase for (phase,) in wanted]]
-    kernel, shared = transposed(weight, group), dict[bytes, str]()
+    kernel, shared = transposed(weight, group), Shared()
     pieces = [_convolved(site, dy, kernel, window, group, phases, shared) for phases in wanted]
     extent = extent_of(window) or Extent.BEYOND
     if window.strides[0] == 1:
@@ -112,7 +114,7 @@ def convolve(site: Site, dy: Phases, weight: Array, window: Window, group: int, 
 
 
 def _convolved(
-    site: Site, dy: Phases, kernel: Array, window: Window, group: int, wanted: Sequence[Phase], shared: dict[bytes, str]
+    site: Site, dy: Phases, kernel: Array, window: Window, group: int, wanted: Sequence[Phase], shared: Shared
 ) -> str:
     """The phases `wanted` of dx, side by side along the channels; `shared` are the constants there are already."""
     # h windows belong to x of s (h - 1) + k - p - q rows, or up to s - 1 more, which none reaches: so many beyond h.
@@ -127,7 +129,7 @@ def _convolved(
     # A phase that no tap reaches is zero.
     for (c, d), piece, taps in [read for read in reading if all(read[2])] or reading[:1]:
         part, pads = _kernel(kernel, taps, wanted, more)
-        key = part.tobytes()  # the taps on even or odd rows and columns are the same for every phase of dx
+        key = part.shape, part.tobytes()  # the taps on even or odd rows and columns are the same for every phase of dx
         role = f"{tag}_from_{c}{d}" if dy.step > 1 else tag
         if key not in shared:
             shared[key] = site.const(part, f"weight_{role}")
@@ -147,14 +149,14 @@ def _kernel(
     # No side has less than no padding.
     low = [min(0, *u) for u in shifts]
     high = [max(*u, -m) for u, m in zip(shifts, more, strict=True)]
-    rows, channels = len(kernel), kernel.shape[1]
+    count, channels = kernel.shape[:2]
     part = np.zeros(
-        (len(wanted) * rows, channels, *(h - lo + 1 for lo, h in zip(low, high, strict=True))), kernel.dtype
+        (len(wanted) * count, channels, *(h - lo + 1 for lo, h in zip(low, high, strict=True))), kernel.dtype
     )
     for (uy, ay, ty), (ux, ax, tx) in itertools.product(*taps):
         if (ay, ax) in wanted:
-            at = wanted.index((ay, ax)) * rows
-            part[at : at + rows, :, uy - low[0], ux - low[1]] = kernel[:, :, ty, tx]
+            at = wanted.index((ay, ax)) * count
+            part[at : at + count, :, uy - low[0], ux - low[1]] = kernel[:, :, ty, tx]
     return part, [-lo for lo in low] + [h + m for h, m in zip(high, more, strict=True)]
 
 
@@ -166,7 +168,7 @@ def _taps(window: Window, axis: int, step: int, source: int, wanted: set[int]) -
     return [(at // (stride * step), a, t) for at, a, t in reads if at % (stride * step) == 0]
 
 
-# -- masks and shares ------------------------------------------------------------------------------------------------
+# -- masks ---------------------------------------------------------------------------------------------------------
 
 
 def masked(site: Site, dy: Phases, v: str) -> Phases:

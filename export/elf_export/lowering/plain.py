@@ -1,7 +1,7 @@
 """Every operation in portable standard ones, with nothing clever: the readable reference, for any runtime.
 
 requires : the operations of `dialect`, in a graph of any opset from 11 on.
-call : by `Lowering`, for a target that has no form of its own.
+call : by `Lowering`, for a target that has no form of its own; its parts by others.
 ensures : the values of `dialect.reference`; standard operations, and Step.
 """
 
@@ -26,7 +26,7 @@ def max_pool_grad(site: Site) -> str:
     rest, y, x = site.node.input
     window = window_of(site.graph, site.node, site.attrs["kernel_shape"])
     offsets = offsets_of(window)
-    views, pieces = views_of(site, x, y, window, offsets), []
+    views, pieces = views_of(site, x, y, window, offsets[:-1]), []
     for offset in offsets[:-1]:
         below = step(site, site.op("Sub", y, views[offset], role=f"gap{tag(offset)}"), f"below{tag(offset)}")
         passed = site.op("Mul", rest, below, role=f"passed{tag(offset)}")

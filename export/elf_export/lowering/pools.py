@@ -3,6 +3,8 @@
 A window's maximum is the larger one of its rows' maxima.  So the gradient goes to a row first, and from there to a
 place in it.  On ties the first row and the first place have it, which is the first place in raster order.  All masks
 are steps of small depthwise convolutions, complements and products of such.
+
+requires : `is_split` or `overlaps`; dy zero where y is, where padding needs it.
 """
 
 from __future__ import annotations

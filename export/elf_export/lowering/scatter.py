@@ -1,4 +1,7 @@
-"""Windows taken apart into views of a map, one for each place in a window, and put together again."""
+"""Windows taken apart into views of a map, one for each place in a window, and put together again.
+
+requires : a map of floats, of any number of spatial axes.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,7 @@ def views_of(site: Site, x: str, y: str, window: Window, offsets: Sequence[Offse
     span = site.op("Mul", spatial_shape(site, y, "y_size"), steps, role="span")
     axes = site.int64s(window.spatial_axes, "view_axes")
     views = {}
-    for offset in offsets[:-1]:
+    for offset in offsets:
         start = site.int64s(offset, f"view_start{tag(offset)}")
         end = site.op("Add", span, start, role=f"view_end{tag(offset)}")
         views[offset] = site.op("Slice", x, start, end, axes, steps, role=f"view{tag(offset)}")
@@ -70,17 +73,17 @@ def scatter(site: Site, x: str, pieces: Mapping[Offset, str], window: Window) ->
     full = _interleave(site, phases, strides)
 
     dims = (site.shape(x) or [])[2:]
-    size = spatial_shape(site, x, "x_size")
     if not window.padded and window.extent == strides:
         if all(isinstance(d, int) and d % s == 0 for d, s in zip(dims, strides, strict=True)):
             return full
         # Floor mode drops up to s - 1 trailing pixels; their gradient is zero.
+        size = spatial_shape(site, x, "x_size")
         lack = site.op("Sub", size, spatial_shape(site, full, "full_size"), role="lack")
         return pad_spatial(site, full, x, [0] * n, lack, "dx")
     begin = begin_pads(site, window, x)
     if any(s > 1 for s in strides):
         full = pad_spatial(site, full, x, [0] * n, [s - 1 for s in strides], "room")
-    return crop_spatial(site, full, begin, size, "dx", window.spatial_axes)
+    return crop_spatial(site, full, begin, spatial_shape(site, x, "x_size"), "dx", window.spatial_axes)
 
 
 def _interleave(site: Site, phases: Sequence[str], strides: Sequence[int]) -> str:

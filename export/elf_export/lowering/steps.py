@@ -1,4 +1,4 @@
-"""The last of our operations written out: masks, in the form that a target computes fast."""
+"""The last of our operations written out: masks, a step in the form that is fast in the target's numbers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .walk import take_place
 
 
 def by_slope(site: Site, v: str) -> str:
-    """HardSigmoid(1e30 v - 1), in an eighth of Sign's time: exactly 1 for v > 2e-30, and 0 for v <= 0.
+    """HardSigmoid(1e30 v - 1), in an eighth of Sign's time: exactly 1 from v = 2e-30 on, and 0 up to 1e-30.
 
     The 1 is there because OpenVINO takes an offset of 0 for an absent one, whose default is 0.5.
     """

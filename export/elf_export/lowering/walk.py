@@ -31,15 +31,15 @@ class Lowering:
 
     requires : nodes in the order in which they run.
     call : once, behind all that appends operations of `dialect`; `keep` are values that are asked for.
-    ensures : the same values under the same names, in standard operations, Step and Complement, which `steps` takes
-        out, and whatever of `dialect` the target leaves for a later pass of its own.
+    ensures : the outputs and `keep` have the same values, in standard operations, Step and Complement, which `steps`
+        takes out, and whatever of `dialect` the target leaves for a later pass of its own.
     """
 
     def __init__(self, graph: Graph, keep: Collection[str] = ()) -> None:
         self.graph = graph
         self.keep = {*keep, *graph.outputs}
         self.parts: dict[str, Phases] = {}  # values that are there in phases, and not whole
-        self.interleaved: set[str] = set()  # values that were put together of four phases
+        self.interleaved: set[str] = set()  # values that were put together outside the blocked layout
         self.forms = {
             "MaxPoolGrad": self.max_pool_grad, "WindowSum": self.window_sum, "ConvGrad": self.conv_grad,
             "Between": self.between,

@@ -8,7 +8,7 @@ import torch
 from onnx import TensorProto, helper
 
 from elf_export.graph.graph import Graph
-from elf_export.lowering import depthwise, fast, pools
+from elf_export.lowering import common, depthwise, pools
 from elf_export.lowering.site import Site
 from export.adjoint.runs import differentiated as with_gradient
 
@@ -124,7 +124,7 @@ def test_mistakes_with_windows_that_overlap_are_caught(monkeypatch: pytest.Monke
             with pytest.raises(AssertionError):
                 test_windows_that_overlap((8, 11), 0, 0, False, "int8")
     with monkeypatch.context() as patch:
-        patch.setattr(fast, "step", lambda site, y, _: site.op("HardSigmoid", y, alpha=0.0, beta=1.0))
+        patch.setattr(common, "step", lambda site, y, _: site.op("HardSigmoid", y, alpha=0.0, beta=1.0))
         with pytest.raises(AssertionError):
             test_windows_that_overlap((8, 11), 1, 0, True, "int8")
 
@@ -141,7 +141,7 @@ def test_a_mistake_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
         with pytest.raises(AssertionError):
             test_a_tie_goes_to_the_first_in_raster_order()
     with monkeypatch.context() as patch:
-        patch.setattr(fast, "step", lambda site, y, _: site.op("HardSigmoid", y, alpha=0.0, beta=1.0))
+        patch.setattr(common, "step", lambda site, y, _: site.op("HardSigmoid", y, alpha=0.0, beta=1.0))
         with pytest.raises(AssertionError):
             test_a_seed_of_any_sign(["conv1", "relu", "pool"])
 

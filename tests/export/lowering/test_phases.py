@@ -9,7 +9,9 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
+from elf_export.dialect import OWN
 from elf_export.graph.graph import Graph, attributes
+from elf_export.lowering import TARGETS, lower, write_steps
 from elf_export.saliency import GRADIENT, SALIENCY, build_gradient, build_saliency
 from export.adjoint.runs import differentiated
 
@@ -58,6 +60,35 @@ def test_a_chain_to_the_image_is_put_together_only_there(vgg_like: Graph) -> Non
     """Between a pool and the image nothing is interleaved; only the three-channel gradient is."""
     joins = [(node.name, node.op_type) for node in vgg_like.nodes if node.name.endswith("/interleaved")]
     assert joins == [("adj/v5/interleaved", "Reshape"), ("adj/v0/interleaved", "DepthToSpace")]
+
+
+def test_what_was_put_together_goes_back_into_the_blocked_layout_before_it_is_masked() -> None:
+    """Between two pools, behind a ReLU: else ONNX Runtime reorders all that follows."""
+    rng = np.random.default_rng(0)
+    kernels = {f"conv{i}": rng.standard_normal((CHANNELS, 3 if i == 1 else CHANNELS, 3, 3)) for i in (1, 2)}
+    graph = Graph(chain(["conv1", "relu", "pool", "conv2", "relu", "pool"], kernels))
+    differentiated(graph, graph.model.graph.output[0].name, "x")
+    (back,) = [node for node in graph.nodes if node.name.endswith("/dy_blocked")]
+    (mask,) = graph.consumers()[back.output[0]]
+    assert graph.producers()[back.input[0]].op_type == "Transpose"
+    assert (mask.op_type, mask.name) == ("Mul", "adj/v2/dy_positive")
+
+
+def test_a_sum_over_windows_without_a_scale_or_with_a_computed_one() -> None:
+    """Of 2x2 windows, which have a form of their own for a constant scale only."""
+    x, dy, scale = (np.random.default_rng(0).standard_normal(shape) for shape in ((1, 3, 6, 8), (1, 3, 3, 4), ()))
+    for given in ("", "s"):
+        values = {"x": x, "d": dy, "s": scale}
+        infos = [helper.make_tensor_value_info(name, TensorProto.DOUBLE, v.shape) for name, v in values.items()]
+        out = helper.make_tensor_value_info("y", TensorProto.DOUBLE, x.shape)
+        node = helper.make_node("WindowSum", ["d", given, "x"], ["y"], name="adj/y/dx", domain=OWN,
+                                kernel_shape=[2, 2], strides=[2, 2])  # fmt: skip
+        model = helper.make_model(helper.make_graph([node], "g", infos, [out]), ir_version=8,
+                                  opset_imports=[helper.make_opsetid("", 17)])  # fmt: skip
+        wanted = dy.repeat(2, 2).repeat(2, 3) * (scale if given else 1)
+        for target in TARGETS:
+            graph = write_steps(lower(Graph(model), target), target)
+            np.testing.assert_allclose(evaluated(graph, "y", x, d=dy, s=scale), wanted)
 
 
 @pytest.mark.parametrize("name", ["VGG's first blocks", "a mobile network's blocks"])

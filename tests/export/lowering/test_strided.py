@@ -12,7 +12,7 @@ import pytest
 import torch
 from onnx import TensorProto, helper, numpy_helper
 
-from elf_export.graph.graph import Graph
+from elf_export.graph.graph import Graph, attributes
 from elf_export.graph.windows import Window
 from elf_export.lowering import phases
 from elf_export.saliency import SALIENCY, build_saliency
@@ -144,16 +144,19 @@ def test_other_forms_stay_with_the_transposed_convolution(pads: tuple[int, ...],
     assert any(node.op_type == "ConvTranspose" for node in graph.nodes)
 
 
-@pytest.mark.parametrize("stride", [2, 3])
+@pytest.mark.parametrize(("size", "stride", "pad"), [(3, 2, 1), (3, 3, 1), (2, 3, 0), (3, 4, 0), (2, 4, 1)])
 @pytest.mark.parametrize("channels", [3, 16])
-def test_8_bit_graphs_have_plain_convolutions(channels: int, stride: int) -> None:
-    """Of any number of channels: one for all phases where they are few, one for each where they are many."""
+def test_8_bit_graphs_have_plain_convolutions(channels: int, size: int, stride: int, pad: int) -> None:
+    """Of any number of channels: one for all phases where they are few, one for each where they are many.
+
+    A stride beyond the kernel leaves phases without a tap, some along one axis only.
+    """
     rng = np.random.default_rng(0)
-    weight, x = rng.standard_normal((RESULTS, channels, 3, 3)), rng.standard_normal((2, channels, 13, 17))
+    weight, x = rng.standard_normal((RESULTS, channels, size, size)), rng.standard_normal((2, channels, 13, 17))
     image = torch.tensor(x, requires_grad=True)
-    y = torch.nn.functional.conv2d(image, torch.tensor(weight), stride=stride, padding=1)
+    y = torch.nn.functional.conv2d(image, torch.tensor(weight), stride=stride, padding=pad)
     (wanted,) = torch.autograd.grad(y, image, y.detach())
-    model = layer(weight, (1, 1, 1, 1), strides=[stride] * 2)
+    model = layer(weight, (pad,) * 4, strides=[stride] * 2)
     model.graph.input[0].type.tensor_type.shape.dim[1].dim_value = channels
     graph = Graph(model)
     gradient = with_gradient(graph, "y", "x", lowering="int8")
@@ -161,6 +164,9 @@ def test_8_bit_graphs_have_plain_convolutions(channels: int, stride: int) -> Non
     assert len(convolutions) == (1 if channels == CHANNELS else stride**2)
     assert not any(node.op_type == "ConvTranspose" for node in graph.nodes)
     np.testing.assert_allclose(evaluated(graph, gradient, x), wanted.numpy(), atol=1e-11)
+    # ONNX Runtime holds kernel_shape against the kernel, the reference evaluator does not.
+    for node in convolutions:
+        assert graph.shape(node.input[1])[2:] == attributes(node)["kernel_shape"]
 
 
 def test_a_mistake_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -73,10 +73,10 @@ def test_a_model_that_no_size_suits_says_why(body: str, size: tuple[int | str, .
 def test_a_wrong_gradient_is_not_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from elf_export.lowering import fast, phases
+    from elf_export.lowering import common, phases
 
     path = saved(small.nchw(), tmp_path)
-    monkeypatch.setattr(fast, "flipped", lambda weight, _: np.ascontiguousarray(weight.swapaxes(0, 1)))
+    monkeypatch.setattr(common, "flipped", lambda weight, _: np.ascontiguousarray(weight.swapaxes(0, 1)))
     monkeypatch.setattr(phases, "transposed", lambda weight, _: weight[..., ::-1, ::-1].swapaxes(0, 1))
     with pytest.raises(VerificationError, match=r"(?s)disagrees with central differences.*No file was written"):
         export_onnx(path, "pool1", [], tmp_path / "elf.onnx")

@@ -20,7 +20,8 @@ def conv(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """y_m = sum over offsets t of W_t x_i + b,  i = s m + d t - p;   dx_i = sum of W_t^T dy_m over all m and t that
     meet at i.
 
-    W: (O, I/g, k...), x: (N, I, in...), y: (N, O, out...), strides s, dilations d, padding in front p, groups g.
+    W: (O, I/g, k...), W_t = W[:, :, t], group by group; x: (N, I, in...), 0 outside; y: (N, O, out...); strides s,
+    dilations d, padding in front p.
     """
     x, weight = node.input[:2]
     return [ctx.own("ConvGrad", grad_y, weight, x, role="dx", **ctx.attrs)]
@@ -38,11 +39,12 @@ def _conv_transpose_supports(ctx: Context) -> str | None:
 
 @adjoint("ConvTranspose", supports=_conv_transpose_supports)
 def conv_transpose(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
-    """y = W^T * x + b;  dx = W * dy, a convolution with the same kernel, strides and pads.
+    """y is the transposed convolution of x by W, and b;  dx the convolution of dy by W, of the same strides and pads.
 
     W: (I, O/g, k...), which is the layout that Conv reads as (its outputs, its inputs / g, k...).
-    Along an axis y has s (h - 1) + e + r - p - q pixels, e being the kernel's extent and r < max(s, d) the
-    output_padding; the convolution's windows number h + floor(r / s), of which the first h are meant.
+    Of h pixels of x along an axis y has s (h - 1) + e + r - p - q, with the kernel's extent e = (k - 1) d + 1, the
+    padding p in front and q behind, and r < max(s, d) the output_padding.  The convolution has h + floor(r / s)
+    windows, of which the first h are meant.
     """
     shape = [d for d in ctx.shape(node.input[1]) or [] if isinstance(d, int)]
     n = len(shape) - 2

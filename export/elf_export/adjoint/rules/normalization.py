@@ -38,7 +38,10 @@ def batch_normalization(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Grad
 
 
 def standardized_adjoint(ctx: Context, x: str, grad: str, axes: list[int], like: str) -> str:
-    """v = (x - m) / d, d = sqrt(var + eps);  dx = (dv - mean dv - v mean(dv v)) / d;  means over `axes`."""
+    """v = (x - m) / d, d = sqrt(var + eps);  dx = (dv - mean dv - v mean(dv v)) / d.
+
+    m and var are x's mean and biased variance, and all means are over `axes`.  `grad` is dv, `like` of x's type.
+    """
     centred = ctx.op("Sub", x, mean(ctx, x, axes, "mean"), role="centred")
     variance = mean(ctx, ctx.op("Mul", centred, centred, role="squared"), axes, "variance")
     epsilon = ctx.const(ctx.attrs.get("epsilon", 1e-5), "epsilon", like=like)
@@ -53,7 +56,10 @@ def standardized_adjoint(ctx: Context, x: str, grad: str, axes: list[int], like:
 
 @adjoint("InstanceNormalization", supports=rank_is_known)
 def instance_normalization(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
-    """y = scale v + bias, v = x standardised over its spatial axes;  dv = scale dy.   x: (N, C, ...)"""
+    """y = scale v + bias, v = x standardised over its spatial axes;  dv = scale dy, dx as `standardized_adjoint` says.
+
+    x: (N, C, ...)
+    """
     x, scale = node.input[:2]
     rank = ctx.rank(x)
     per_channel = ctx.op("Reshape", scale, ctx.int64s([-1] + [1] * (rank - 2), "channels"), role="scale")
@@ -63,7 +69,10 @@ def instance_normalization(ctx: Context, node: onnx.NodeProto, grad_y: str) -> G
 
 @adjoint("LayerNormalization", since_opset=17, supports=rank_is_known)
 def layer_normalization(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
-    """y = scale v + bias, v = x standardised over `axis` and all axes behind it;  dv = scale dy."""
+    """y = scale v + bias, v = x standardised over `axis` and all axes behind it;  dv = scale dy.
+
+    With d the deviation, dx = (dv - mean dv - v mean(dv v)) / d, means over these axes.   x: any shape
+    """
     x, scale = node.input[:2]
     rank = ctx.rank(x)
     axes = list(range(ctx.attrs.get("axis", -1) % rank, rank))
@@ -105,7 +114,7 @@ def lp_normalization(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradien
 def local_response_normalization(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """y = x d^-b with d = k + a/n sum of x^2 over a window of n channels;   x: (N, C, ...)
 
-    dx = dy d^-b - 2 a b / n x W^T(dy y / d), W^T the sum over the channels whose window holds this one.
+    dx = dy d^-b - (2 a b / n) x W^T(dy y / d), W^T the sum over the channels whose window holds this one.
     """
     x, y = node.input[0], node.output[0]
     response = Response.of(ctx.graph, node)

@@ -27,10 +27,11 @@ def max_pool(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
     """y_m = max over the places i of window m of x_i;  dx_i = sum of dy_m over the windows m in which i is the FIRST
     place in raster order with x_i = y_m.
 
-    That is the choice of torch and of an index-based adjoint.  Ties above zero are common: flat regions of an
-    image that was strongly JPEG-compressed give exactly equal values.
+    Places are those of `dialect.ops`, in the image, not in its padding.  The choice among places that tie is torch's.
+    Ties at zero are masked by the ReLU before; above zero they are common: flat regions of an image that was strongly
+    JPEG-compressed give exactly equal values.
     """
-    return [ctx.own("MaxPoolGrad", grad_y, node.output[0], node.input[0], role="dx", **_window_of(ctx))]
+    return [ctx.own("MaxPoolGrad", grad_y, node.output[0], node.input[0], role="dx", **_window_attributes(ctx))]
 
 
 @adjoint("AveragePool", supports=rank_is_known)
@@ -39,15 +40,16 @@ def average_pool(ctx: Context, node: onnx.NodeProto, grad_y: str) -> Gradients:
 
     c_m is the window's number of pixels, without those in the padding unless count_include_pad.
     """
-    x, window, scale = node.input[0], window_of(ctx.graph, node, ctx.attrs["kernel_shape"]), ""
+    x, scale = node.input[0], ""
+    window = window_of(ctx.graph, node, ctx.attrs["kernel_shape"])
     if window.padded:
         grad_y = ctx.op("Div", grad_y, _counts(ctx, node, window), role="share")
     else:
         scale = ctx.const(1 / math.prod(window.kernel), "scale", like=x)
-    return [ctx.own("WindowSum", grad_y, scale, x, role="dx", **_window_of(ctx))]
+    return [ctx.own("WindowSum", grad_y, scale, x, role="dx", **_window_attributes(ctx))]
 
 
-def _window_of(ctx: Context) -> dict[str, object]:
+def _window_attributes(ctx: Context) -> dict[str, object]:
     """The attributes that say where the windows are."""
     return {name: ctx.attrs[name] for name in OPS["MaxPoolGrad"].attributes if name in ctx.attrs}
 

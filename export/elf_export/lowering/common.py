@@ -1,7 +1,7 @@
 """What is fast on every processor: masks that are not needed left out, convolutions for transposed ones, late joining.
 
-A gradient is known to be zero wherever a forward value is not positive if a mask has made it so.  The next mask by the
-same value is then left out, and so is that of the seed, F itself, by a ReLU that makes F.
+A max-pool behind a ReLU makes its gradient zero wherever the ReLU's value is not positive.  The ReLU's mask is then
+left out, and so is that of the seed, F itself, by a ReLU that makes F.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from .site import Site
 from .walk import Lowering, Made
 
 
-class Fast(Lowering):
+class Common(Lowering):
     """What the targets that want speed have in common; which windows go which way is theirs to say.
 
-    requires, call : as of `Lowering`; channels first.
+    requires, call : as of `Lowering`; maps have their channels first.
     ensures : as of `Lowering`; gradients in phases that are side by side in one piece stay so to the mean over the
         channels.
     """
@@ -47,26 +47,27 @@ class Fast(Lowering):
         if not split and not pools.overlaps(site, window, rectified):
             return super().max_pool_grad(site)
         self.whole(dy)
+        masked = dy == y  # the seed
+        dy = self.in_layout(site, dy) if split else dy
         if rectified:
             # The places left over are then all positive: the ReLU's own mask has nothing more to do.
             self.unless[site.node.output[0]] = x
-            if dy != y:
+            if not masked:
                 dy = site.op("Mul", dy, step(site, y, "positive"), role="dy_positive")
         if not split:
             return pools.overlapping(site, dy, window)
-        return self.split(site, pools.split(site, self.near(site, dy), self.by_masks))
+        return self.split(site, pools.split(site, dy, self.by_masks))
 
     def window_sum(self, site: Site) -> Made:
-        if not pools.is_split(site, window_of(site.graph, site.node, site.attrs["kernel_shape"])):
-            return super().window_sum(site)
         dy, scale, _ = site.node.input
-        value = site.value(scale)
-        assert value is not None, "windows without padding hold equally many"
+        value, window = site.value(scale), window_of(site.graph, site.node, site.attrs["kernel_shape"])
+        if value is None or not pools.is_split(site, window):
+            return super().window_sum(site)
         # A convolution, which stays in the blocked layout, and which 8 bits round before all that moves its values.
         share = depthwise.convolve(site, self.whole(dy), [[value]], [1, 1], "share")
         return self.split(site, (share,) * len(all_phases(2)))
 
-    def near(self, _site: Site, dy: str) -> str:
+    def in_layout(self, _site: Site, dy: str) -> str:
         """What a 2x2 pool's gradient is split from, in the layout for what follows."""
         return dy
 
@@ -75,7 +76,7 @@ class Fast(Lowering):
         return Phases(pieces, site.like)
 
     def conv_grad(self, site: Site) -> Made:
-        """Of stride 1: again a convolution, the kernel flipped and its channels transposed, pads k - 1 - p."""
+        """Of stride 1: again a convolution, the kernel flipped and its channels transposed, pads (k - 1) d - p."""
         dy, weight, _ = site.node.input
         window, kernel, group = plain.conv_window(site), site.value(weight), site.attrs.get("group", 1)
         if kernel is None or set(window.strides) != {1} or window.begin is None:
