@@ -142,11 +142,10 @@ def saliency_graph(sources: Sources) -> onnx.ModelProto:
     Its masks are operations of `dialect`.
     """
     detector, request = sources.detector, sources.request
-    fast = "int8" if request.precision == "int8" else "fast"
     model = build_saliency(
         detector.model, detector.layer, detector.descriptors, detector.image.name, detector.preprocessing,
         differentiate=detector.differentiate, color=sources.color,
-        lowering=fast if request.lowering == "fast" else request.lowering,
+        lowering="int8" if request.precision == "int8" else request.lowering,
         min_size=sources.sizes.min_size, size=sources.sizes.usual, masks=True,
     )  # fmt: skip
     for other in sources.others:

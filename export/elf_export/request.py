@@ -104,6 +104,8 @@ class Request:
             raise ExportError(f"pooling is one of {', '.join(POOLS)}, not {self.pool!r}")
         if self.lowering not in LOWERINGS:
             raise ExportError(f"the lowering is one of {', '.join(LOWERINGS)}, not {self.lowering!r}")
+        if self.lowering == "plain" and self.precision == "int8":
+            raise ExportError("8 bits gain in a form of their own only: --lowering plain is for fp32, fp16 and bf16")
         least, most = DESC_SCALES
         if not (is_number(self.desc_scale) and least <= self.desc_scale <= most):
             raise ExportError(f"the descriptors' scale is a number from {least:g} to {most:g}, not {self.desc_scale!r}")

@@ -150,6 +150,25 @@ def test_adjoint_nodes_are_named_after_their_forward_nodes(vgg) -> None:
     assert any(name.startswith("adj/pool2/") for name in names)
 
 
+def test_the_plain_form_has_the_values_of_the_fast_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With nothing clever in it; 8 bits have a form of their own."""
+    options = ["--net", "vgg", "--layer", "pool1", "--desc", "none", "--offline", "--quiet"]
+    for lowering in ("fast", "plain"):
+        assert main([*options, "--lowering", lowering, "-o", str(tmp_path / f"{lowering}.onnx")]) == 0
+    fast, plain = (ElfRuntime(tmp_path / f"{lowering}.onnx") for lowering in ("fast", "plain"))
+    assert "--lowering plain" in plain.contract.command
+    assert "--lowering" not in fast.contract.command
+    ops = {node.op_type for node in onnx.load(tmp_path / "plain.onnx").graph.node}
+    assert "HardSigmoid" not in ops
+    assert {"Sign", "ConvTranspose"} <= ops
+    image = textured(120, 160)
+    saliency = [elf.saliency(image) for elf in (fast, plain)]
+    np.testing.assert_allclose(*saliency, rtol=0, atol=1e-5 * saliency[0].max())
+    assert main([*options, "--lowering", "plain", "--precision", "int8", "-o", str(tmp_path / "8.onnx")]) == 1
+    assert "8 bits gain in a form of their own only" in capsys.readouterr().err
+    assert not (tmp_path / "8.onnx").exists()
+
+
 def test_list(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--list"]) == 0
     assert "vgg" in capsys.readouterr().out

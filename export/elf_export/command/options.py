@@ -102,7 +102,7 @@ def _file(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--lowering", choices=LOWERINGS, default="fast",
         help="how the gradient is written: in the form that is fast in the precision (default), or with nothing clever "
-        "(plain), to be read and for runtimes that stumble over the fast one; the values are the same",
+        "(plain; not int8), to be read and for runtimes that stumble over the fast one; the values are the same",
     )  # fmt: skip
     p.add_argument(
         "--end-to-end", nargs="*",
