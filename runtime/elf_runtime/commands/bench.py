@@ -116,6 +116,7 @@ def _work(args: argparse.Namespace) -> int:
     args.threads = args.threads or usable_cores()
     elf = _open(args.model, args)
     params = elf.params(args.preset, **dict(args.set))
+    maps = elf.contract.end_to_end is None  # else there is no saliency at any scale, to time or to hold against torch's
     least = elf.contract.input.min_size
     for height, width in args.sizes:
         if min(height, width) < least:
@@ -136,14 +137,18 @@ def _work(args: argparse.Namespace) -> int:
     }
     torch_saliency, twin = None, None
     with opencv_threads(args.threads), tempfile.TemporaryDirectory() as folder:
-        if "torch" in wanted:
+        if "torch" in wanted and not maps:
+            if args.peers:
+                raise UsageError("--peers torch: the model gives keypoints itself, and has no saliency to compare")
+            report["peers"]["torch"] = "the model gives keypoints itself"
+        elif "torch" in wanted:
             torch_saliency, twin, report["peers"]["torch"] = _torch(args)
         runs: list[SizeRun] = []
         for height, width in args.sizes:
             image = synthetic(height, width) if photo is None else cv2.resize(photo, (width, height))
             picture = Path(folder) / f"{len(runs)}.png"
             write_picture(picture, image)
-            workloads = [ours(elf, picture, params), *(saliencies(elf, twin, image) if wanted else [])]
+            workloads = [ours(elf, picture, params), *(saliencies(elf, twin, image) if wanted and maps else [])]
             runs.append(SizeRun(image, [*workloads, *peers(wanted, image, torch_saliency)]))
         rounds = args.warmup + args.repeats
         if not args.quiet:

@@ -66,7 +66,7 @@ def _title(name: str, titles: Mapping[str, str]) -> str:
 
 def _growth_rows(entries: Sequence[Mapping[str, Any]]) -> list[str]:
     """Median time per megapixel of the source image at each size: the same where time is linear in pixels."""
-    stages = ("session", "post-processing")
+    stages = [stage for stage in ("session", "post-processing") if f"elf.{stage}" in entries[0]["seconds"]]
     rows = [f"{'per megapixel of the image':<26}" + "".join(f"{stage:>20}" for stage in stages) + " ms"]
     each = []
     for entry in entries:

@@ -40,6 +40,9 @@ _PARITY = {
     "lower_rep_fp32": "repeatability between images and views of them in fp32, %",
     "lower_ms": "matching score between images and views of them in {precision}, %",
     "lower_ms_fp32": "matching score between images and views of them in fp32, %",
+    "alone_near": "share of the runtime's keypoints that the file alone has within 0.01 px",
+    "alone_counts": "share of the images where it has as many as the runtime",
+    "alone_cosine": "least cosine of its descriptors with the runtime's",
 }
 
 
@@ -95,8 +98,9 @@ def _contract_rows(contract: Mapping[str, Any], gflop: Mapping[str, float]) -> l
     if len(described) > _MOST_ROWS:
         rows.append(_row("", f"and {len(described) - _MOST_ROWS} more descriptors"))
     pixels = f"{spec['color']} pixels 0..{spec['value_range']:g}, {_sizes(spec)}"
-    rows.append(_row("input", f"{spec['dtype']} {spec['layout']}, {pixels}"))
-    if contract.get("end_to_end"):
+    given = contract.get("end_to_end")
+    rows.append(_row("network's input" if given else "input", f"{spec['dtype']} {spec['layout']}, {pixels}"))
+    if given:
         rows.append(_row("end to end", _end_to_end(contract["end_to_end"])))
     rows.append(_row("preprocessing", contract["preprocessing"] or "not recorded"))
     rows.append(_row("precision", contract["precision"]))

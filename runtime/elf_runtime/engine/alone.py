@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, NoReturn
@@ -101,7 +102,11 @@ class Alone:
     ) -> tuple[dict[str, npt.NDArray[Any]], tuple[int, int, int]]:
         """The graph's inputs, and the images' shape (N, H, W)."""
         pixels = np.stack([one.pixels for one in group])
-        return alone_feed(pixels, params, group[0].mask), (pixels.shape[0], pixels.shape[1], pixels.shape[2])
+        shape = (pixels.shape[0], pixels.shape[1], pixels.shape[2])
+        # A batch is padded to max_keypoints, and the graph's input is an int64: ask for no more than there are pixels.
+        most = math.prod(self.contract.input.size_for(shape[1], shape[2], max(params.scale, 1.0)))
+        params = params.updated(max_keypoints=min(params.max_keypoints, most))
+        return alone_feed(pixels, params, group[0].mask), shape
 
     def saliency(self, image: Given) -> Array:
         """The saliency map at the size of the source image, of a graph that gives it; zero for a flat image."""

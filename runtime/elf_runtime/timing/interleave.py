@@ -62,11 +62,11 @@ def interleaved(
 def with_sums(stages: dict[str, float]) -> dict[str, float]:
     """`stages`, and two sums of each detection (percentiles don't add up).
 
-    "post-processing" is what follows the network; "detect + describe" is all but the decoding of the file, which is
-    what OpenCV's ``detectAndCompute`` does.
+    "post-processing" is what follows the network, unless it is in the graph; "detect + describe" is all but the
+    decoding of the file, which is what OpenCV's ``detectAndCompute`` does.
     """
     after = [stages[name] for name in ("blur", "threshold", "nms", "descriptors") if name in stages]
-    if not after:
+    if not after and "session" not in stages:
         return stages
-    work = [seconds for name, seconds in stages.items() if name != "read"]
-    return {**stages, "post-processing": sum(after), "detect + describe": sum(work)}
+    sums = {"post-processing": sum(after)} if after else {}
+    return {**stages, **sums, "detect + describe": sum(s for name, s in stages.items() if name != "read")}

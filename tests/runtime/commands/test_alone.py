@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from elf_runtime import Features
-from elf_runtime.commands import detect, info, match, view
+from elf_runtime.commands import bench, detect, info, match, view
 from helpers import TINY, TINY_ALONE, textured
 
 
@@ -44,6 +44,7 @@ def test_elf_info(capsys: pytest.CaptureFixture[str]) -> None:
     assert info.main([str(TINY_ALONE), "--provider", "cpu"]) == 0
     text = capsys.readouterr().out
     assert "the file gives keypoints itself, for an image of uint8 bgr; suppression by a Loop" in text
+    assert "  network's input  float32 NHWC" in text
     assert "CPU              runs every op" in text
 
 
@@ -53,3 +54,17 @@ def test_elf_match_and_elf_view(photo: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     assert view.main([str(photo.parent), "--model", str(TINY_ALONE), "-o", str(page), "--quiet"]) == 0
     assert "a file that gives keypoints itself: the keypoints are those of elf-detect" in page.read_text()
+
+
+def test_elf_bench(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--model", str(TINY_ALONE), "--sizes", "64x96,80x64", "--repeats", "1", "--warmup", "1", "--threads", "1"]
+    words += ["--processes", "1"]
+    assert bench.main([*words, "--json", str(tmp_path / "b.json")]) == 0
+    text = capsys.readouterr().out
+    assert "left out: torch: the model gives keypoints itself" in text
+    for entry in json.loads((tmp_path / "b.json").read_text())["sizes"]:
+        seconds, stages = entry["seconds"], {"read", "prepare", "session", "detect + describe"}
+        assert {name for name in seconds if name.startswith("elf")} == {"elf", *(f"elf.{stage}" for stage in stages)}
+        assert "elf.detect + describe / sift" in entry["ratios"]
+    assert bench.main([*words, "--peers", "torch"]) == 2
+    assert "has no saliency to compare" in capsys.readouterr().err

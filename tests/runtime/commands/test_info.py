@@ -69,6 +69,8 @@ def test_measured_errors_and_scores_are_in_words(capsys: pytest.CaptureFixture[s
         "  parity           largest error of the saliency, of its maximum: 0.001",
         "                   new_figure: 0.25",
     ]
+    for key in ("alone_near", "alone_counts", "alone_cosine"):  # of end-to-end files
+        assert key not in _parity_rows({key: 1.0}, "int8")[0]
 
 
 def test_what_the_report_says_in_words() -> None:

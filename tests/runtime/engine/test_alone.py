@@ -49,6 +49,7 @@ def test_it_finds_what_the_model_finds(alone: ElfRuntime, elf: ElfRuntime) -> No
     assert found > 100
     assert len(alone.detect(np.zeros((50, 60), np.uint8))) == 0
     assert len(alone.detect(textured(60, 60), max_keypoints=0)) == 0
+    assert_same(alone.detect(textured(60, 60), max_keypoints=2**70), elf.detect(textured(60, 60), max_keypoints=2**70))
 
 
 def test_files_warmup_records_copies_and_saliency(alone: ElfRuntime, elf: ElfRuntime, tmp_path: Path) -> None:
@@ -161,3 +162,5 @@ def test_other_forms(form: dict[str, Any], elf: ElfRuntime) -> None:
         assert_same(found, wanted)
     with pytest.raises(SettingError, match="it has no saliency map"):
         alone.saliency(image)
+    # A batch is padded to max_keypoints: the memory is not there for so many.
+    assert_same(alone.detect(image, max_keypoints=10**12), elf.detect(image, max_keypoints=10**12))
