@@ -23,7 +23,7 @@ from .contract import cost_of, descriptor_specs, input_spec, versions
 from .descriptors.other_network import attach
 from .descriptors.projection import Projection
 from .descriptors.reduce import projected, reduce_descriptors
-from .end_to_end.build import Form, end_to_end
+from .end_to_end.build import Form, end_to_end, require_possible
 from .file import stamped, write
 from .graph.graph import Graph
 from .graph.passes import opset_of, portable_forms, require_opset
@@ -68,6 +68,8 @@ def export(request: Request, log: Log = lambda _: None) -> ExportResult:
         require_opset(request.opset)
         images = calibration_set(request.calibration)
         whole = open_sources(request, log)
+        if request.end_to_end is not None:
+            require_possible(whole.detector.detection, opset_of(whole.detector.model))
         if request.compression is not None:
             log("compressing by what the convolutions give on the calibration images ...")
         sources, compression = compress(whole, request.compression, images, log)
@@ -190,8 +192,8 @@ def with_post_processing(
     form."""
     if form is None:
         return model, contract, ()
-    log("holding the keypoints of the file alone against the runtime's ...")
     whole = end_to_end(model, contract, form)
+    log("holding the keypoints of the file alone against the runtime's ...")
     check = compare_alone(whole, stamped(model, contract), form, images)
     require(check, log)
     parity, first = {**contract.parity, **check.figures()}, contract.descriptors[:1]

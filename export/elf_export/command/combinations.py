@@ -23,6 +23,12 @@ def check(args: argparse.Namespace, fail: Callable[[str], None]) -> None:
     def given(name: str) -> bool:
         return getattr(args, name) not in (None, False)
 
+    words = args.end_to_end or ()
+    for one, other in (("uint8", "float32"), ("bgr", "rgb")):
+        if one in words and other in words:
+            fail(f"--end-to-end: pixels are {one} or {other}, not both")
+    if "opencv" in words and not args.rounds:
+        fail("--end-to-end opencv needs --rounds, such as --rounds 3: cv2.dnn runs no Loop")
     for alone in filter(given, ALONE):
         others, why = ALONE[alone]
         plain = vars(parser().parse_args([]))

@@ -85,13 +85,15 @@ class Form:
         return ("keypoints", FLOAT, ["K", 2]), ("scores", FLOAT, ["K"])
 
 
-def refusals(contract: ModelContract, opset: int) -> list[str]:
-    """Why a model's post-processing can't be in its graph, in words; empty where it can."""
-    params = contract.detection
+def require_possible(params: DetectionParams, opset: int, fixed: bool = False) -> None:
+    """Raise ExportError where post-processing with these settings can't be in a graph, saying why.
+
+    `fixed` is whether the network takes one size of images or batches only.
+    """
     found = []
     if opset < LEAST_OPSET:
         found.append(f"the ops that it needs at opset {opset} (they come with opset {LEAST_OPSET})")
-    if contract.input.is_fixed or contract.input.batch:
+    if fixed:
         found.append("images of any size for a network of one size")
     settings = {
         "scales": bool(params.scales),
@@ -99,7 +101,9 @@ def refusals(contract: ModelContract, opset: int) -> list[str]:
         "grid": params.grid != (1, 1),
         "max_side": params.max_side != "none",
     }
-    return found + [f"the setting {name}" for name, is_set in settings.items() if is_set]
+    found += [f"the setting {name}" for name, is_set in settings.items() if is_set]
+    if found:
+        raise ExportError(f"--end-to-end: a graph can't hold {', nor '.join(found)}")
 
 
 def end_to_end(model: onnx.ModelProto, contract: ModelContract, form: Form = Form()) -> onnx.ModelProto:
@@ -126,11 +130,10 @@ def end_to_end(model: onnx.ModelProto, contract: ModelContract, form: Form = For
     Raises
     ------
     ExportError
-        If that can't be; see `refusals`.
+        If that can't be; see `require_possible`.
     """
     graph = Graph(model)
-    if why := refusals(contract, graph.opset):
-        raise ExportError(f"--end-to-end: a graph can't hold {', nor '.join(why)}")
+    require_possible(contract.detection, graph.opset, bool(contract.input.is_fixed or contract.input.batch))
     inner = graph.unique("network_input")
     graph.rename({contract.input.name: inner})
     with graph.insert_before(graph.nodes[0]):

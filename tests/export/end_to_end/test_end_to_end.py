@@ -16,6 +16,8 @@ from elf_export.checks.alone import compare_alone  # noqa: E402
 from elf_export.cli import main  # noqa: E402
 from elf_export.end_to_end.build import Form, end_to_end  # noqa: E402
 from elf_export.errors import ExportError  # noqa: E402
+from elf_export.pipeline import export  # noqa: E402
+from elf_export.request import Request  # noqa: E402
 from elf_runtime import ElfRuntime, Features  # noqa: E402
 from elf_runtime.image.file import read  # noqa: E402
 from elf_runtime.model import bundled_model  # noqa: E402
@@ -172,6 +174,17 @@ def test_rounds_without_control_flow() -> None:
 def test_what_can_t_be_in_a_graph(settings: dict[str, object], reason: str) -> None:
     with pytest.raises(ExportError, match=f"a graph can't hold {reason}"):
         session(TINY, **settings)
+
+
+def test_what_can_t_is_said_before_anything_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from export.small_models import nchw
+
+    monkeypatch.setattr("elf_export.pipeline.finished_graph", lambda *_: pytest.fail("work was done"))
+    onnx.save(nchw(("N", 3, "H", "W")), tmp_path / "net.onnx")
+    file, output = tmp_path / "net.onnx", tmp_path / "e.onnx"
+    wanted = Request(onnx=file, layer="relu1", desc=(), output=output, detection={"grid": (2, 2)}, end_to_end=Form())
+    with pytest.raises(ExportError, match="a graph can't hold the setting grid"):
+        export(wanted)
 
 
 def test_a_form_that_is_none() -> None:

@@ -72,6 +72,9 @@ def test_a_file_that_is_none_or_that_can_t(tmp_path: Path, capsys: pytest.Captur
         (["--elf", "int8", "--end-to-end", "--net", "vgg"], "--net does not go with it"),
         (["--elf", "int8", "--end-to-end", "--precision", "int8"], "--precision does not go with it"),
         (["--elf", "int8", "--match"], "--elf does not go with it"),
+        (["--elf", "int8", "--end-to-end", "uint8", "float32"], "pixels are uint8 or float32, not both"),
+        (["--net", "vgg", "--end-to-end", "rgb", "bgr"], "pixels are bgr or rgb, not both"),
+        (["--elf", "fp32", "--end-to-end", "opencv"], "--end-to-end opencv needs --rounds"),
     ],
 )
 def test_what_does_not_go_with_it(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
