@@ -27,9 +27,7 @@
 
 namespace elf {
 
-struct Error : std::runtime_error {
-    using std::runtime_error::runtime_error;
-};
+struct Error : std::runtime_error { using std::runtime_error::runtime_error; };
 
 inline std::string first_line(const std::string &text) { return text.substr(0, text.find('\n')); }
 // An image file as 8 bits, B G R; with cv::IMREAD_GRAYSCALE gray, as masks are.
@@ -133,6 +131,9 @@ private:
         }
         if (!detects) throw Error(name_ + ": not an end-to-end model (elf-export --end-to-end makes them)");
         if (batch) throw Error(name_ + ": made for batches; elf::Detector takes one image at a time");
+        if (session_.GetInputCount() > 1) throw Error(name_ + ": made with 'required'; elf::Detector takes defaults");
+        const auto form = session_.GetModelMetadata().LookupCustomMetadataMapAllocated("elf.end_to_end", allocator);
+        if (form && std::strstr(form.get(), "\"rgb\"")) throw Error(name_ + ": made for R G B, images here are B G R");
         if (describes) outputs_.push_back("descriptors");
         const Ort::TypeInfo type = session_.GetInputTypeInfo(0);
         takes_floats_ = type.GetTensorTypeAndShapeInfo().GetElementType() == ONNX_TENSOR_ELEMENT_DATA_TYPE_FLOAT;

@@ -94,7 +94,11 @@ def test_no_keypoints_make_no_matches(program: Path, model: Path, views: tuple[P
 
 
 def test_what_is_wrong_is_said_in_one_line(program: Path, views: tuple[Path, Path], tmp_path: Path) -> None:
+    from elf_export.cli import main as export
+
     model, batch = end_to_end_model(tmp_path / "a.onnx"), end_to_end_model(tmp_path / "b.onnx", batch=True)
+    required, rgb = end_to_end_model(tmp_path / "required.onnx", required=True), tmp_path / "rgb.onnx"
+    assert export(["--elf", "int8", "--end-to-end", "rgb", "--quiet", "-o", str(rgb)]) == 0
     (tmp_path / "text.onnx").write_text("text")
     cv2.imwrite(str(tmp_path / "small.png"), np.ones((9, 9), np.uint8))
     picture, folder = views[0], tmp_path
@@ -103,6 +107,8 @@ def test_what_is_wrong_is_said_in_one_line(program: Path, views: tuple[Path, Pat
         ([folder / "text.onnx", picture], "text.onnx"),
         ([bundled_model(), picture], "not an end-to-end model (elf-export --end-to-end makes them)"),
         ([batch, picture], "made for batches"),
+        ([required, picture], "made with 'required'"),
+        ([rgb, picture], "made for R G B"),
         ([model, folder / "absent.png"], "absent.png: not there, or no image"),
         ([model, folder / "text.onnx"], "text.onnx: not there, or no image"),
         ([model, picture, picture, folder / "absent" / "drawn.png"], "drawn.png"),
