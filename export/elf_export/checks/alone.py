@@ -40,6 +40,7 @@ class AloneCheck:
     counts : share of the images that have as many
     cosine : the least of the descriptors of such keypoints; 1 without descriptors
     time : of the graph on this machine's CPU, as a share of `ElfRuntime.detect`'s
+    rounds : of the suppression, where they are unrolled; see `Form`
     """
 
     keypoints: int
@@ -47,6 +48,7 @@ class AloneCheck:
     counts: float
     cosine: float
     time: float
+    rounds: int = 0
 
     @property
     def passed(self) -> bool:
@@ -56,7 +58,7 @@ class AloneCheck:
     def complaint(self) -> str:
         return (
             f"The keypoints of the file alone are not the runtime's: {self.near:.1%} lie within {NEAR:g} px, at least "
-            f"{LEAST:.0%} are wanted."
+            f"{LEAST:.0%} are wanted." + f" {self.rounds} rounds may be too few: more by --rounds." * bool(self.rounds)
         )
 
     def figures(self) -> dict[str, float]:
@@ -91,8 +93,9 @@ def compare_alone(graph: onnx.ModelProto, model: bytes, form: Form, images: Cali
     counts, near, same, cosines, times = zip(*rows, strict=True)
     total = sum(counts)
     return AloneCheck(
-        total, sum(near) / total if total else 1.0, float(np.mean(same)), min(cosines), float(np.median(times))
-    )
+        total, sum(near) / total if total else 1.0, float(np.mean(same)), min(cosines), float(np.median(times)),
+        form.rounds,
+    )  # fmt: skip
 
 
 def _cases(elf: ElfRuntime, images: CalibrationSet) -> Iterator[tuple[Image, Image | None]]:

@@ -206,6 +206,11 @@ def test_a_graph_that_finds_something_else_is_not_written() -> None:
     wrong = compare_alone(end_to_end(onnx.load(TINY), other), TINY.read_bytes(), Form(), images)
     assert not wrong.passed
     assert "are not the runtime's" in wrong.complaint
+    assert "--rounds" not in wrong.complaint
+    few = Form(rounds=1)
+    unrolled = compare_alone(end_to_end(onnx.load(TINY), elf.contract, few), TINY.read_bytes(), few, images)
+    assert not unrolled.passed
+    assert "1 rounds may be too few: more by --rounds" in unrolled.complaint
 
 
 def test_the_command_makes_a_file_that_says_what_it_is(
