@@ -19,12 +19,12 @@ def add_parser(commands: Subcommands) -> None:
     parser = commands.add_parser("depth", help="depth maps of images whose cameras are known, by a sweep of planes")
     parser.add_argument("dataset", help="kind:FOLDER[?option=value&...], with poses: strecha, colmap, pairs")
     parser.add_argument("--side", type=positive, default=768, help="pixels of the longer side (%(default)s)")
-    parser.add_argument("--planes", type=positive, default=PLANES, help="depths that are tried (%(default)s)")
+    parser.add_argument("--planes", type=_planes, default=PLANES, help="depths that are tried (%(default)s)")
     parser.add_argument("--threads", type=positive, help="all cores")
     parser.add_argument("-q", "--quiet", action="store_true", help="no progress lines")
     parser.add_argument(
         "-o", "--output", "--out", dest="out", metavar="FOLDER", required=True,
-        help="writes SCENE/STEM.depth.npy; strecha:...?depth=FOLDER reads it",
+        help="writes SCENE/STEM.depth.npy; strecha:FOLDER reads it there, strecha:...?depth=FOLDER from elsewhere",
     )  # fmt: skip
     parser.set_defaults(action=_depth)
 
@@ -34,6 +34,13 @@ def _depth(args: argparse.Namespace) -> None:
     check_folder(out)
     set_threads(args.threads)
     print(f"kept is what a neighbour's map agrees with to {100 * WITHIN:g} % of the depth")
-    for found in depth_maps(dataset, args.side, max(args.planes, 3), args.quiet):
+    for found in depth_maps(dataset, args.side, args.planes, args.quiet):
         path = save(found, out)
         print(f"{path}: {100 * found.known:.0f} % of the pixels; median difference {100 * found.difference:.2f} %")
+
+
+def _planes(text: str) -> int:
+    """Three or more: a depth is refined between a plane's two neighbours."""
+    if (count := positive(text)) < 3:
+        raise argparse.ArgumentTypeError(f"{text} planes are too few; take 3 or more")
+    return count

@@ -11,7 +11,7 @@ import numpy as np
 
 from elf_eval.data import open_dataset
 from elf_eval.data.images import ImageRef
-from elf_eval.errors import EvalError
+from elf_eval.errors import EvalError, reason
 from elf_eval.methods import open_method, open_methods
 from elf_eval.methods.elf import Elf
 from elf_eval.methods.gradient import Gradient
@@ -26,6 +26,7 @@ from elf_runtime.pictures.canvas import stacked
 from elf_runtime.pictures.file import write_picture
 
 from .options import Subcommands, add_protocol, add_resources, protocol, resources
+from .outputs import check_folder
 from .report import with_rows
 
 _OF_RESULTS = {
@@ -76,14 +77,15 @@ def _figure(
 def _of_results(args: argparse.Namespace) -> None:
     if not plots.available():
         raise EvalError("matplotlib, which draws this figure, is not installed: pip install matplotlib")
-    results = Results.load(Path(args.results))
+    out, results = _picture(args), Results.load(Path(args.results))
     if args.suite:
         results = with_rows(results, load_suite(Path(args.suite)))
     figure = args.draw(results, result_figures.dataset_of(results, args.dataset))
+    out.parent.mkdir(parents=True, exist_ok=True)
     try:
-        figure.savefig(args.out, dpi=130, metadata={"Software": None} if args.out.endswith(".png") else None)
+        figure.savefig(out, dpi=130, metadata={"Software": None} if out.suffix == ".png" else None)
     except (OSError, ValueError) as error:
-        raise EvalError(f"{args.out}: {error}") from error
+        raise EvalError(f"{out}: {reason(error)}") from error
     print(args.out)
 
 
@@ -96,7 +98,7 @@ def _gradients(args: argparse.Namespace) -> None:
 
 
 def _saliency(args: argparse.Namespace, texts: list[str], draw: Callable[..., Any]) -> None:
-    settings, path = protocol(args, Protocol()), Path(args.image)
+    out, settings, path = _picture(args), protocol(args, Protocol()), Path(args.image)
     set_threads(args.threads)
     image = ImageRef(path.name, path).open(settings.size)
     seen = []
@@ -109,12 +111,13 @@ def _saliency(args: argparse.Namespace, texts: list[str], draw: Callable[..., An
         x, y, width, height = args.crop
         if x + width > image.size[0] or y + height > image.size[1]:
             raise EvalError(f"--crop reaches out of the image, which has {image.size[0]}x{image.size[1]} pixels")
-    write_picture(Path(args.out), draw(image, seen, args.crop))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_picture(out, draw(image, seen, args.crop))
     print(args.out)
 
 
 def _matches(args: argparse.Namespace) -> None:
-    settings, pair = protocol(args, Protocol()), open_dataset(args.dataset).pair(args.pair)
+    out, settings, pair = _picture(args), protocol(args, Protocol()), open_dataset(args.dataset).pair(args.pair)
     set_threads(args.threads)
     cache, rows = FeatureCache(resources(args).cache), []
     pixels1, pixels2 = (ref.open(settings.size).pixels for ref in (pair.first, pair.second))
@@ -123,8 +126,15 @@ def _matches(args: argparse.Namespace) -> None:
         first, second = (cache.get(method, ref, settings)[1] for ref in (pair.first, pair.second))
         title, own = text.rpartition("/")[2], method.protocol(settings)
         rows.append(draw_matches(pixels1, pixels2, first, second, pair, own, title))
-    write_picture(Path(args.out), np.asarray(stacked(rows), np.uint8))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_picture(out, np.asarray(stacked(rows), np.uint8))
     print(args.out)
+
+
+def _picture(args: argparse.Namespace) -> Path:
+    """The picture's path, its folder checked before the work; a missing one is made when the picture is written."""
+    check_folder(Path(args.out).parent)
+    return Path(args.out)
 
 
 def _crop(text: str) -> tuple[int, int, int, int]:

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from elf_eval.data import open_dataset
+from elf_eval.data.images import written_name
 from elf_eval.protocol import Protocol
 from elf_runtime.pictures.file import write_picture
 
@@ -34,7 +35,7 @@ def _images(args: argparse.Namespace) -> None:
     refs = list(open_dataset(args.dataset).images())
     check_folder(out)
     for ref in refs:
-        path = (out / ref.name).with_suffix(".png")
+        path = out / written_name(ref.name)
         path.parent.mkdir(parents=True, exist_ok=True)
         write_picture(path, ref.open(size).pixels)
     print(f"{len(refs)} images in {out}")

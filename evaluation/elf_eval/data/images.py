@@ -23,6 +23,11 @@ IMAGE_ENDINGS = (".png", ".ppm", ".pgm", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp
 PREPARATION = 1
 
 
+def written_name(name: str) -> str:
+    """The name that `elf-eval images` writes an image under: ``v_graf/1.png`` of ``v_graf/1.ppm``."""
+    return Path(name).with_suffix(".png").as_posix()
+
+
 @dataclass(frozen=True)
 class ImageRef:
     """An image of a dataset: a file, and what is done to it before and after it is resized.
@@ -30,7 +35,8 @@ class ImageRef:
     Attributes
     ----------
     name : str
-        Unique within its dataset, e.g. ``v_graf/1.png``; precomputed features are looked up by it.
+        Unique within its dataset, e.g. ``v_graf/1.png``; precomputed features are looked up by it, and by its
+        `written_name`.
     path : Path
     quarter_turns : int
         First of all, the file is turned by so many times 90 degrees, counter-clockwise.

@@ -43,24 +43,29 @@ def strecha(spec: Spec) -> Dataset:
 
     ``pairs=first`` pairs the first image with each other one (the paper's 26 pairs of its three scenes) instead of
     all with all.  ``step=N`` takes only images that are at most N apart.  With depth maps the paper's metrics are
-    there too (3D viewpoint); without them, relative pose and epipolar lines.  ``depth=FOLDER`` is where
-    `elf-eval depth` wrote the maps, as SCENE/STEM.depth.npy, instead of beside the images.
+    there too (3D viewpoint); without them, relative pose and epipolar lines.  They lie beside the images or in the
+    scene's folder, or as SCENE/STEM.depth.npy in ``depth=FOLDER``, as `elf-eval depth` writes them.
 
     Raises
     ------
     EvalError
-        Also where an image has another size than its camera file says, or than its depth map.
+        Also where an image has another size than its camera file says, or than its depth map; where ``depth=FOLDER``
+        has no map of any image.
     """
     step = spec.take("step", int, 0)
     which = spec.take("pairs", _which, "all")
     depths = spec.take("depth", Path, None)
     root = spec.folder()
     pairs: list[Pair] = []
+    all_views: list[_View] = []
     for scene in [root] if _is_scene(root) else folders_in(root):
         views = [_view(scene, path, depths) for path in images_in(_image_folder(scene))]
+        all_views += views
         for (i, a), (j, b) in combinations(enumerate(views), 2):
             if (which == "all" or i == 0) and (not step or j - i <= step):
                 pairs.append(_pair(scene_name(scene), a, b))
+    if depths and not any(view.depth for view in all_views):
+        raise EvalError(f"{spec.text}: no depth map SCENE/STEM.depth.npy of any image in {depths}")
     return Dataset("strecha", tuple(pairs))
 
 
@@ -126,15 +131,22 @@ def _view(scene: Path, image: Path, depths: Path | None) -> _View:
             f"{image}: {width}x{height} pixels, but {file.name} is for {size[0]}x{size[1]}; "
             "take the images that the cameras were made for, or scale K and the size in the camera files"
         )
-    depth = (depths / scene_name(scene) / image.name if depths else image).with_suffix(".depth.npy")
-    if depth.is_file():
+    depth = _depth_file(scene, image, depths)
+    if depth is not None:
         rows, columns = read_depth(depth).shape
         if (columns, rows) != (width, height):
             raise EvalError(
                 f"{depth}: a depth map of {columns}x{rows} for {image.name} of {width}x{height} pixels; "
                 "make it one value for each pixel"
             )
-    return _View(_ref(scene, image), *read_camera(file), depth if depth.is_file() else None)
+    return _View(_ref(scene, image), *read_camera(file), depth)
+
+
+def _depth_file(scene: Path, image: Path, depths: Path | None) -> Path | None:
+    """The image's depth map, where there is one."""
+    folders = [depths / scene_name(scene)] if depths else [image.parent, scene]
+    files = [folder / f"{image.stem}.depth.npy" for folder in folders]
+    return next((file for file in files if file.is_file()), None)
 
 
 def _ref(scene: Path, image: Path) -> ImageRef:

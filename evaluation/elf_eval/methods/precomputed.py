@@ -4,7 +4,8 @@
                 descriptors (N, D), at FOLDER/<image name><suffix>
 ``h5:FILE``     one group an image, hloc's style: keypoints (N, 2), scores (N,), descriptors (D, N)
 
-The image's name is the dataset's, e.g. ``v_graf/1.png``; ``elf-eval images`` writes the images under it.
+The image's name is the dataset's, e.g. ``v_graf/1.ppm``, or that which ``elf-eval images`` writes it under,
+``v_graf/1.png``.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from elf_eval.coordinates import warp
-from elf_eval.data.images import Image, ImageRef
+from elf_eval.data.images import Image, ImageRef, written_name
 from elf_eval.errors import EvalError, reason
 from elf_eval.features import LocalFeatures
 from elf_eval.spec import Spec
@@ -86,19 +87,22 @@ class Precomputed(Method):
             raise EvalError(f"{path}: no features of {image.name}: {reason(error)}") from error
 
     def _file(self, name: str) -> Path:
-        return self._path / (name + self._suffix)
+        """The image's file, by the name that `elf-eval images` gives it where there is none by its own."""
+        own, written = (self._path / (each + self._suffix) for each in (name, written_name(name)))
+        return written if written.is_file() and not own.is_file() else own
 
     def _read_h5(self, image: Image) -> tuple[str, Mapping[str, Any]]:
         where = f"{self._path}:{image.name}"
         with self._h5() as file:
-            if image.name not in file:
+            name = next((name for name in (image.name, written_name(image.name)) if name in file), None)
+            if name is None:
                 raise EvalError(f"{where}: no such group; the file has {list(file)[:5]} ...")
-            return where, {key: np.asarray(value) for key, value in file[image.name].items()}
+            return where, {key: np.asarray(value) for key, value in file[name].items()}
 
     def _groups(self, names: Sequence[str]) -> set[str]:
         """Which of these images the file has a group for."""
         with self._h5() as file:
-            return {name for name in names if name in file}
+            return {name for name in names if name in file or written_name(name) in file}
 
     @contextmanager
     def _h5(self) -> Iterator[Any]:

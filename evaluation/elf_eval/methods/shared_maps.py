@@ -46,6 +46,7 @@ class _SharedRuntime(ElfRuntime):
     def __init__(self, path: Path, threads: int | None) -> None:
         super().__init__(path, threads=threads)
         self._network = _RememberingNetwork(*self._network.given)
+        self._way = type(self._way)(self._network)
 
 
 @lru_cache(maxsize=4)

@@ -98,12 +98,12 @@ def _facts(results: Results, command: str) -> list[str]:
             f"matching within {p['eps']:g} px of the lines, over the fewer keypoints of the pair; some lie there by "
             "chance, and no keypoint is left out for being out of sight, so it is not the ms by depth."
         )
-    if any(m["paper"] for m in results.methods):
+    if beside := any(m["paper"] for m in results.methods):
         facts.append("The paper's columns: rep / ms; -: it has no such row; not given: its figure is not known here.")
     facts.append("Versions: " + ", ".join(f"{name} {version}" for name, version in results.versions.items()) + ".")
     if not plots.available():
         facts.append("Plots are left out: matplotlib is not installed (it is in the extra 'eval').")
-    facts += [_published(d) for d in results.datasets if _differs(d)]
+    facts += [_published(d, beside) for d in results.datasets if _differs(d)]
     facts += [f"Not measured: {s['name']}: {s['reason']}." for s in results.skipped]
     return facts
 
@@ -112,13 +112,12 @@ def _differs(dataset: Mapping[str, Any]) -> bool:
     return any(dataset[what] != count for what, count in dataset.get("published", {}).items())
 
 
-def _published(dataset: Mapping[str, Any]) -> str:
+def _published(dataset: Mapping[str, Any], beside: bool) -> str:
+    """How much of the paper's data was measured; `beside`: the page has columns of the paper's figures."""
     theirs = ", ".join(f"{count} {what}" for what, count in dataset["published"].items())
     scenes = f"{dataset['scenes']} scene{'' if dataset['scenes'] == 1 else 's'}"
-    return (
-        f"{dataset['name']}: {dataset['pairs']} pairs of {scenes} here, {theirs} in the paper: its columns are for "
-        "orientation."
-    )
+    end = ": its columns are for orientation." if beside else "."
+    return f"{dataset['name']}: {dataset['pairs']} pairs of {scenes} here, {theirs} in the paper{end}"
 
 
 def _ratios(results: Results) -> str:

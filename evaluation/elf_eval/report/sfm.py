@@ -12,10 +12,11 @@ from elf_eval.run.sfm_study import Study, mean_average_precision
 from .table import Table
 
 _NOTE = (
-    "COLMAP places the images of a subset by each method's matches, with the true intrinsics. The relative pose of "
-    "every two images is held against the true one, of the whole set; its error is the larger angle of rotation and "
-    "translation, and infinite where an image was not placed. mAP: the mean of the shares of pairs below 5, 10, ... "
-    "degrees, up to the one named; over the pairs of a subset, then over subsets, in percent."
+    "COLMAP places the images of a subset by each method's matches, with the true intrinsics, on one thread. The "
+    "relative pose of every two images that are a pair of the dataset is held against the true one, of the whole set; "
+    "its error is the larger angle of rotation and translation, and infinite where an image was not placed. mAP: the "
+    "mean of the shares of pairs below 5, 10, ... degrees, up to the one named; over the pairs of a subset, then over "
+    "subsets, in percent."
 )
 
 

@@ -30,6 +30,8 @@ from elf_runtime.reconstruction import Calibration, Camera, Model, map_database,
 
 from .subsets import Subset
 
+THREADS = 1  # of the mapper: on several, which pair of images it begins with depends on their timing
+
 Truths = Mapping[tuple[ImageRef, ImageRef], Pair]
 
 
@@ -57,9 +59,11 @@ class Reconstruction:
 
 
 def reconstruct(
-    subset: Subset, features: Mapping[ImageRef, ImageFeatures], truths: Truths, protocol: Protocol, threads: int | None
+    subset: Subset, features: Mapping[ImageRef, ImageFeatures], truths: Truths, protocol: Protocol
 ) -> Reconstruction:
     """Place the images of a subset by their features, and measure the relative poses.
+
+    The same input gives the same result.
 
     Raises
     ------
@@ -69,7 +73,7 @@ def reconstruct(
     names = {ref: f"{number:03d}.png" for number, ref in enumerate(subset)}
     known = [pair for a, b in combinations(subset, 2) if (pair := truths.get((a, b)) or truths.get((b, a)))]
     cameras = _cameras(known, features, names)
-    model = _model(subset, features, cameras, names, protocol, threads)
+    model = _model(subset, features, cameras, names, protocol)
     errors = [_error(pair, features, model, names) for pair in known]
     points, length = (len(model.xyz), model.track_length) if model else (0, 0.0)
     scene = known[0].scene
@@ -108,7 +112,6 @@ def _model(
     cameras: Mapping[str, Camera],
     names: Mapping[ImageRef, str],
     protocol: Protocol,
-    threads: int | None,
 ) -> Model | None:
     """The largest model; None where no two images could be placed."""
     described = {ref: features[ref].features.descriptors for ref in subset}
@@ -125,7 +128,7 @@ def _model(
         except ElfError as error:
             raise EvalError(f"{subset[0].name}: {error}") from error
         try:
-            return map_database(database, folder, folder, refine=False, threads=threads)[0]
+            return map_database(database, folder, folder, refine=False, threads=THREADS)[0]
         except ElfError:
             return None  # nothing could be placed: every error is infinite
 

@@ -72,7 +72,7 @@ def study(suite: Suite, sizes: Sequence[int], count: int, seed: int, resources: 
             for size in sizes:
                 each = []
                 for subset in subsets[entry.name, size]:
-                    each.append(reconstruct(subset, loaded, truths, protocol, resources.threads))
+                    each.append(reconstruct(subset, loaded, truths, protocol))
                     progress.step(f"{name}: {size} images of {each[-1].scene}")
                 if each:
                     found[entry.name, name, size] = each

@@ -150,10 +150,7 @@ class Suite:
 
     def unexpand(self, text: str) -> str:
         """`text` with names for the variables' values, because a report should not depend on where files lie."""
-        for name in self.variables:
-            if value := self.expand("${" + name + "}"):
-                text = text.replace(value, "${" + name + "}")
-        return text
+        return variables.unexpand(text, self.variables)
 
     def check_groups(self, scenes: Collection[str]) -> None:
         """Refuse a group without a scene among `scenes`, those of the datasets; some of a group may be absent."""

@@ -29,6 +29,16 @@ def expand(text: str, own: Mapping[str, str]) -> str:
     return _VARIABLE.sub(value, text)
 
 
+def unexpand(text: str, own: Mapping[str, str]) -> str:
+    """`text` with ``${NAME}`` for the values of `own`'s names, where a value is a path or the beginning of one."""
+    values = {name: expand("${" + name + "}", own).rstrip("/") for name in own}
+    for name in sorted(filter(values.get, values), key=lambda name: -len(values[name])):
+        # "." is one in "./a.onnx" before the slash alone, "models" is none in "my-models" and "a/models"
+        whole = rf"(?<![\w./-]){re.escape(values[name])}(?![\w.-])"
+        text = re.sub(whole, "${" + name + "}", text)
+    return text
+
+
 def origin(text: str, own: Mapping[str, str]) -> str:
     """What each ``${NAME}`` of `text` means and who says so, in brackets after a space; "" where there is none."""
     found = []

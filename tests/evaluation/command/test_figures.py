@@ -69,6 +69,14 @@ def test_figures_of_results(results, hpatches_folder, tmp_path, capsys):
     assert line.startswith(f"{tmp_path / 'c.nope'}: ")
 
 
+def test_a_picture_s_folder_is_made_and_checked_before_the_work(photo_file, tmp_path, monkeypatch, capsys):
+    command = ["figures", "layers", "--image", str(photo_file), "--model", "sobel", *SMALL]
+    assert picture(command, tmp_path / "new" / "folder" / "l.png").std() > 5
+    monkeypatch.setattr("elf_eval.command.figures.open_method", lambda *_: pytest.fail("worked"))
+    (line,) = error_of([*command, "-o", str(photo_file / "l.png")], capsys)
+    assert line == f"{photo_file} is not a folder"
+
+
 def test_what_can_t_be_drawn_is_one_error(photo_file, tmp_path, capsys):
     command = ["figures", "layers", "--image", str(photo_file), "-o", str(tmp_path / "l.png"), *SMALL]
     (line,) = error_of([*command, "--model", "sift"], capsys)

@@ -15,6 +15,7 @@ from elf_eval.data import open_dataset
 from elf_eval.metrics.pose import pose_error
 from elf_eval.run.results import Results
 from elf_eval.run.subsets import draw_subsets
+from elf_runtime.reconstruction import map_database
 from room import SIZE, K, views
 
 pytest.importorskip("pycolmap", reason="pycolmap, of the extra sfm, is not installed")
@@ -68,6 +69,21 @@ def test_images_that_are_not_placed_are_failures(room_folder, tmp_path):
     (one,) = studied["subsets"]
     assert (one["placed"], one["errors"]) == (0, [None] * 3)
     assert "0.0 / 0.0 / 0.0 / 0.0 / 0.0" in (tmp_path / "sfm.md").read_text()
+
+
+def test_the_mapper_is_on_one_thread_whatever_the_command_has(room_folder, tmp_path, monkeypatch):
+    """On several, the pair that it begins with is another one from run to run."""
+    threads = []
+
+    def mapper(*args, **options):
+        threads.append(options["threads"])
+        return map_database(*args, **options)
+
+    monkeypatch.setattr("elf_eval.run.sfm.map_database", mapper)
+    command = ["sfm", "--dataset", f"room=strecha:{room_folder}", "--detector", "orb", "--sizes", "3", "--threads", "2"]
+    rest = ["--subsets", "2", "--out", str(tmp_path), "--cache", str(tmp_path / "c"), "--quiet"]
+    assert main([*command, *rest]) == 0
+    assert threads == [1, 1]
 
 
 def test_subsets_hang_together_and_are_the_same_again(room_folder):

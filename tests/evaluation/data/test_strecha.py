@@ -40,6 +40,30 @@ def test_a_camera_file_s_point_lands_where_it_says(tmp_path):
     assert (to_camera @ [*point, 1.0])[:3] == pytest.approx(rotation.T @ (point - centre))
 
 
+def test_depth_maps_beside_the_images_in_the_scene_s_folder_or_elsewhere(tmp_path):
+    """`elf-eval depth strecha:ROOT --out ROOT` puts them into the scene's folder, also of the publishers' layout."""
+    root, scene = tmp_path / "root", tmp_path / "root" / "wall"
+    root.mkdir()
+    write_strecha(scene, depth=True)
+    for folder, ending in (("images", "*.png"), ("gt_dense_cameras", "*.camera")):
+        (scene / folder).mkdir()
+        for path in scene.glob(ending):
+            path.rename(scene / folder / path.name)
+    assert between(open_dataset(f"strecha:{root}").pairs[0]).forward is not None
+    (tmp_path / "depth" / "wall").mkdir(parents=True)
+    for path in scene.glob("*.npy"):
+        path.rename(tmp_path / "depth" / "wall" / path.name)
+    assert between(open_dataset(f"strecha:{root}").pairs[0]).forward is None
+    assert between(open_dataset(f"strecha:{root}?depth={tmp_path / 'depth'}").pairs[0]).forward is not None
+
+
+def test_a_folder_of_depth_without_a_map_of_any_image_is_refused(tmp_path):
+    write_strecha(tmp_path / "wall", depth=True)
+    for folder in (tmp_path / "nowhere", tmp_path / "wall"):
+        with pytest.raises(EvalError, match=rf"no depth map SCENE/STEM\.depth\.npy of any image in {folder}$"):
+            open_dataset(f"strecha:{tmp_path / 'wall'}?depth={folder}")
+
+
 @pytest.mark.parametrize(("option", "count"), [("", 3), ("?step=1", 2), ("?step=2", 3)])
 def test_strecha_pairs_at_most_so_many_apart(tmp_path, option, count):
     write_strecha(tmp_path / "wall", depth=False)

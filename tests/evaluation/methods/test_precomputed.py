@@ -33,6 +33,23 @@ def test_precomputed_without_scores_are_strongest_first(image, tmp_path):
     assert open_method(f"npz:{tmp_path}").extract(image, 2).keypoints.tolist() == [[1, 2], [3, 4]]
 
 
+def test_features_of_the_images_that_elf_eval_images_writes_are_found(photo_file, tmp_path):
+    """As .png, also where the publishers have .ppm or .jpg; features by the dataset's own name go before."""
+    ref = ImageRef("v_turn/1@scale-1.25.ppm", photo_file)
+    write_npz(tmp_path / "npz", "v_turn/1@scale-1.25.png", [[1, 2]])
+    method = open_method(f"npz:{tmp_path / 'npz'}")
+    method.check([ref])
+    assert method.extract(ref.open(None), 2).keypoints.tolist() == [[1, 2]]
+    write_npz(tmp_path / "npz", ref.name, [[3, 4]])
+    assert method.extract(ref.open(None), 2).keypoints.tolist() == [[3, 4]]
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "f.h5", "w") as file:
+        file["v_turn/1@scale-1.25.png/keypoints"] = np.float32([[5, 6]])
+    method = open_method(f"h5:{tmp_path / 'f.h5'}")
+    method.check([ref])
+    assert method.extract(ref.open(None), 2).keypoints.tolist() == [[5, 6]]
+
+
 def test_precomputed_keypoints_follow_the_resized_image(photo_file, tmp_path):
     half = ImageRef("photo.png", photo_file).open((100, 80))
     write_npz(tmp_path, "photo.png", [[11.5, 21.5]])

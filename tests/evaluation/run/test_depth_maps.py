@@ -115,6 +115,9 @@ def test_what_has_no_cameras_or_no_matches_is_refused(hpatches_folder, room_fold
     command = ["--out", str(tmp_path / "o"), "--quiet", "--threads", "1"]
     (line,) = error_of(["depth", f"hpatches:{hpatches_folder}", *command], capsys)
     assert "depth comes from cameras, and they are not known" in line
+    with pytest.raises(SystemExit):
+        main(["depth", f"strecha:{room_folder}", "--planes", "2", *command])
+    assert "argument --planes: 2 planes are too few; take 3 or more" in capsys.readouterr().err
     blank = tmp_path / "blank"
     for folder in ("images", "gt_dense_cameras"):
         (blank / folder).mkdir(parents=True)

@@ -65,6 +65,7 @@ def test_a_suite_runs_on_its_data_set(name, variables, tmp_path):
         m["name"] for m in results.methods
     }
     assert "in the paper" in page  # the miniature is no whole data set
+    assert ("its columns are" in page) == ("the paper's HPatches" in page)
     if name in ("paper_hpatches", "paper_webcam"):
         assert "Not measured: TILDE: npz:${ELF_FEATURES}/tilde?frame=working: no such folder" in page
         rows = [line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| ")]

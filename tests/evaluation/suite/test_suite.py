@@ -88,6 +88,15 @@ def test_an_empty_variable_is_not_put_into_texts():
     assert Suite(*entries, variables={"E": "", "F": "models"}).unexpand("models/a") == "${F}/a"
 
 
+def test_only_whole_paths_get_a_variable_s_name():
+    """`ELF_SHARED=.` leaves the full stops."""
+    entries = [MethodEntry("a", "sift")], [DatasetEntry("d", "synthetic:x")]
+    suite = Suite(*entries, variables={"S": ".", "M": "./models", "T": "/data/"})
+    text = "xfeat:./x.onnx: no ./models/a.onnx, my./b, ./models-2. Nor /data/c, /data, /database; a/data."
+    named = "xfeat:${S}/x.onnx: no ${M}/a.onnx, my./b, ${S}/models-2. Nor ${T}/c, ${T}, /database; a/data."
+    assert suite.unexpand(text) == named
+
+
 PART = """
 note = "Weights."
 [variables]
