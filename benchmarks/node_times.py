@@ -21,8 +21,7 @@ import cv2
 import numpy as np
 import onnx
 
-from elf_export.adjoint.registry import ADJOINT
-from elf_export.graph.graph import attributes
+from elf_export.graph.graph import GraphView, attributes
 from elf_export.graph.response import sums_channels
 from elf_runtime.contract import ModelContract
 from elf_runtime.image import read
@@ -60,31 +59,51 @@ def kind_of(op: str, name: str, helping: dict[str, str]) -> str:
     return "moving values" if op in MOVING else "products and sums"
 
 
-def helping_nodes(model: onnx.ModelProto) -> dict[str, str]:
+def helping_nodes(model: onnx.ModelProto, layer: str) -> dict[str, str]:
     """Name -> kind of what runs as a convolution and is none of the network's, nor their adjoints, and of masks.
 
-    Those are the adjoint's steps, its depthwise convolutions, and local response normalisation's sums over channels.
-    The adjoint of a depthwise layer of the network is a convolution like any other: its role is "dx".
+    A convolution that does the same to every channel takes differences, negates or shares out; no trained one does.
+    What saturates and is a factor of something is a mask, unless the network up to `layer` does so itself.  Local
+    response normalisation sums over channels.
     """
-    constants = {tensor.name: tensor for tensor in model.graph.initializer}
-    # In bf16 files weights are cast to float32 where they are read.
-    constants |= {
-        node.output[0]: constants[node.input[0]]
-        for node in model.graph.node
-        if node.op_type == "Cast" and node.input[0] in constants
-    }
+    graph = GraphView(model)
+    forward = graph.needed([layer]) if layer in graph.producers() else set()
     found = {}
-    for node in model.graph.node:
-        grouped = node.op_type == "Conv" and attributes(node).get("group", 1) > 1
-        role = node.name.rsplit("/", 1)[-1]
-        helps = grouped and (not role.startswith("dx") or role.endswith("_minus"))
-        if node.name.startswith(ADJOINT) and (helps or node.op_type in ("HardSigmoid", "Clip")):
+    for node in graph.nodes:
+        if not forward.intersection(node.output) and (_is_alike(graph, node) or _is_mask(graph, node)):
             found[node.name] = "masks and differences"
-        elif node.op_type == "Conv" and node.input[1] in constants:
-            kernel = onnx.numpy_helper.to_array(constants[node.input[1]])
-            if sums_channels(kernel, attributes(node).get("group", 1)):
-                found[node.name] = "products and sums"
+        kernel = _weights(graph, node.input[1]) if node.op_type == "Conv" and node.name not in found else None
+        if kernel is not None and sums_channels(kernel, attributes(node).get("group", 1)):
+            found[node.name] = "products and sums"
     return found
+
+
+def _weights(graph: GraphView, name: str) -> np.ndarray | None:
+    """A kernel, or the numbers that it is stored in: 8-bit integers, or bfloat16."""
+    maker = graph.producers().get(name)
+    stored = maker is not None and maker.op_type in ("DequantizeLinear", "Cast")
+    return graph.constant(maker.input[0] if stored else name)
+
+
+def _is_alike(graph: GraphView, node: onnx.NodeProto) -> bool:
+    """Whether the node convolves each channel by itself, and all by the same kernel."""
+    if node.op_type != "Conv" or attributes(node).get("group", 1) == 1:
+        return False
+    kernel = _weights(graph, node.input[1])
+    return kernel is not None and bool((kernel == kernel[:1]).all())
+
+
+def _is_mask(graph: GraphView, node: onnx.NodeProto) -> bool:
+    """Whether the node saturates, and its result, which may be rounded or moved, is a factor and nothing else."""
+    if node.op_type not in ("HardSigmoid", "Clip"):
+        return False
+    readers = list(graph.consumers().get(node.output[0], ()))
+    for reader in readers:
+        if reader.op_type in ("QuantizeLinear", "DequantizeLinear", *MOVING):
+            readers += [other for name in reader.output for other in graph.consumers().get(name, ())]
+        elif reader.op_type != "Mul" and not _is_alike(graph, reader):
+            return False
+    return bool(readers)
 
 
 def node_times(data: bytes, pixels: np.ndarray, repeats: int, threads: int | None) -> dict[tuple[str, str], float]:
@@ -127,7 +146,7 @@ def main(arguments: list[str] | None = None) -> int:
             picture = picture if channels == 3 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)[..., None]
         data = data if args.outputs == "all" else with_outputs(data, args.outputs.split(","))
         times = node_times(data, picture[None].astype(np.float32), args.repeats, args.threads)
-        helping = helping_nodes(onnx.load_from_string(data))
+        helping = helping_nodes(onnx.load_from_string(data), contract.layer)
         total, by_kind = sum(times.values()), dict.fromkeys(KINDS, 0.0)
         for (node, op), time in times.items():
             kind = kind_of(op, node, helping)

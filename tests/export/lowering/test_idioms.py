@@ -12,8 +12,9 @@ from elf_export.dialect import OPS
 from elf_export.dialect.reference import OPERATORS
 from elf_export.lowering import TARGETS
 from elf_export.lowering.steps import STEPS
+from helpers import ROOT
 
-EXPORT = Path(__file__).resolve().parents[3] / "export" / "elf_export"
+EXPORT = ROOT / "export" / "elf_export"
 # A steep slope, a kernel of -1 and 1, and the names of the adjoint's nodes.
 RECOGNISING = re.compile(r"1e[23]0|STEEP|HardSigmoid|adj/|ADJOINT|endswith\(|== ?-1\)|_difference")
 READERS = [*sorted((EXPORT / "precision").rglob("*.py")), *sorted((EXPORT / "graph" / "passes").glob("*.py"))]
@@ -26,6 +27,11 @@ def test_no_pass_recognises_an_idiom(path: Path) -> None:
     if path.name in OF_THE_NETWORK:
         pytest.skip("names operators of networks that are read, before anything is differentiated")
     assert not RECOGNISING.findall(path.read_text(encoding="utf-8"))
+
+
+def test_nor_does_a_benchmark() -> None:
+    for path in (ROOT / "benchmarks").glob("*.py"):
+        assert not re.search(r"1e[23]0|adj/|ADJOINT|_difference|== ?-1\)", path.read_text(encoding="utf-8")), path.name
 
 
 def test_rules_do_not_choose_among_forms() -> None:
