@@ -27,34 +27,8 @@ PIXELS, COLORS = ("uint8", "float32"), ("bgr", "rgb")
 
 
 @dataclass(frozen=True)
-class Form:
-    """How the graph is written.
-
-    Attributes
-    ----------
-    pixels : "uint8" or "float32"
-        Of the image input; floats have the range of the bytes, 0 to 255.
-    color : "bgr" or "rgb"
-        Order of the image's channels: OpenCV's, or that of most other libraries.
-    batch : bool
-        Several images of one size at once; outputs are padded.
-    rounds : int
-        Of the suppression, unrolled, with the same window for small images too; 0 is a Loop of as many as are needed.
-    saliency : bool
-        The network's saliency map as a last output, at the working size.
-    required : bool
-        The inputs that would have defaults have none, and must be given: for runtimes that can't set them otherwise.
-    opencv : bool
-        In a form that OpenCV's cv2.dnn computes right; with rounds only.
-    """
-
-    pixels: str = "uint8"
-    color: str = "bgr"
-    batch: bool = False
-    rounds: int = 0
-    saliency: bool = False
-    required: bool = False
-    opencv: bool = False
+class Form(EndToEndSpec):
+    """What an end-to-end graph takes and gives, with the attributes that its file says of itself."""
 
     def __post_init__(self) -> None:
         if self.pixels not in PIXELS:
