@@ -43,7 +43,8 @@ def chosen(monkeypatch: pytest.MonkeyPatch) -> None:
         ([("CPUExecutionProvider", {})], "int8"),
         ("cuda", "fp32"),
         (["cuda", "cpu"], "fp32"),
-        (("openvino", {"device_type": "CPU"}), "fp32"),
+        (("openvino", {"device_type": "CPU"}), "int8"),
+        (("openvino", {"device_type": "GPU"}), "fp32"),
         ([("TensorrtExecutionProvider", {}), "cpu"], "fp32"),
     ],
 )
