@@ -122,7 +122,8 @@ def check(case: Case, opset: int) -> None:
                 assert dx.dtype == dtype, f"{label}: gradient of dtype {dx.dtype}"
                 assert dx.shape == values[wrt].shape, f"{label}: gradient of shape {dx.shape}"
                 close(dx, expected[wrt], tolerance, f"{label}: torch.autograd")
-                in_other_forms(model, wrt, feed, run, expected[wrt], tolerance, label)
+                if opset in (min(case.opsets), min(case.opsets, key=lambda other: abs(other - 17))):
+                    in_other_forms(model, wrt, feed, run, expected[wrt], tolerance, label)
                 if not dynamic:
                     continue
                 if case.linear:
