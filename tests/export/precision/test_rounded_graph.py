@@ -97,3 +97,14 @@ def test_a_mask_s_complement_is_the_mask_s_own_integers(network: Network) -> Non
     for mask, rest in pairs:
         np.testing.assert_allclose(found[f"{rest}/rounded"], 1 - found[f"{mask}/rounded"], rtol=0, atol=1e-6)
         assert f"{rest}/q" not in made
+
+
+@pytest.mark.parametrize("network", ["depthwise", "vgg"], indirect=True)
+def test_phases_are_joined_as_integers(network: Network) -> None:
+    """They share a scheme: nothing is rounded again where a gradient's phases are put together."""
+    _, lowered, _ = network
+    graph = Graph(lowered)
+    joins = [node for node in graph.nodes if node.op_type == "Concat" and graph.rank(node.output[0]) == 4]
+    joins = [node for node in joins if not node.name.endswith("/with_rest_q")]
+    assert joins
+    assert all(graph.elem_type(name) == TensorProto.UINT8 for node in joins for name in node.input)

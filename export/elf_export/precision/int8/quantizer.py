@@ -36,9 +36,9 @@ class Quantizer:
     def __init__(self, source: GraphView, schemes: Mapping[str, Scheme], left: Collection[str] = ()) -> None:
         self.source = source
         self.graph = Graph(source.model)
-        self.schemes = schemes
         self.left = left
         self.readers, self.makers = source.consumers(), source.producers()
+        self.schemes = {**schemes, **self._schemes_of_parts(schemes)}
         self.outputs = set(source.outputs)
         self.integers: dict[str, str] = {}
         self.twins: dict[str, str] = {}
@@ -61,6 +61,29 @@ class Quantizer:
                 scheme = self.schemes[sums.pop()]
                 found.update((name, scheme) for name in sources if name in self.makers)
         return found
+
+    def _schemes_of_parts(self, schemes: Mapping[str, Scheme]) -> dict[str, Scheme]:
+        """Convolutions of one value whose results are joined, such as a gradient's phases, share the widest scheme.
+
+        Their integers can then be moved; else they would be rounded again where they are joined.
+        """
+        found: dict[str, Scheme] = {}
+        for node in self.source.nodes:
+            parts = self._joined(node.output[0]) if node.op_type == "Concat" else []
+            if all(name in schemes and self.makers[name].op_type == "Conv" for name in parts):
+                alike = {(self.makers[name].input[0], schemes[name].zero) for name in parts}
+                widest = max((schemes[name] for name in parts), key=lambda scheme: scheme.scale, default=None)
+                if widest is not None and len(alike) == 1:
+                    found.update(dict.fromkeys(parts, widest))
+        return found
+
+    def _joined(self, name: str) -> list[str]:
+        """What a value is joined of, through what only moves."""
+        name = self._before_moving(name)
+        maker = self.makers.get(name)
+        if maker is None or maker.op_type != "Concat":
+            return [name]
+        return [part for source in maker.input for part in self._joined(source)]
 
     def _before_moving(self, name: str) -> str:
         """What the value is made from by ops that only move values."""
