@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -117,3 +119,14 @@ def moved_points(count: int) -> tuple[Float, Float]:
     rotation = cv2.Rodrigues(np.array([0.02, -0.2, 0.01]))[0]
     first, second = points @ K.T, (points @ rotation.T + (-0.2, 0.1, 0.1)) @ K.T
     return first[:, :2] / first[:, 2:], second[:, :2] / second[:, 2:]
+
+
+def write_as_strecha(scene: Path, seen: Sequence[View]) -> None:
+    """Views in the folder `scene` as Strecha's are published: ``images/`` and ``gt_dense_cameras/``."""
+    (scene / "images").mkdir(parents=True)
+    (scene / "gt_dense_cameras").mkdir()
+    for n, view in enumerate(seen):
+        cv2.imwrite(str(scene / "images" / f"{n:04d}.png"), view.image)
+        rows = [*K, [0, 0, 0], *view.rotation.T, view.center, [SIZE[1], SIZE[0]]]
+        text = "\n".join(" ".join(f"{value:.12g}" for value in row) for row in rows)
+        (scene / "gt_dense_cameras" / f"{n:04d}.png.camera").write_text(text)

@@ -43,13 +43,10 @@ class _RememberingNetwork(Network):
 
 
 class _SharedRuntime(ElfRuntime):
-    def __init__(self, path: Path, threads: int | None) -> None:
-        super().__init__(path, threads=threads)
-        self._network = _RememberingNetwork(*self._network.given)
-        self._way = type(self._way)(self._network)
+    _network_kind = _RememberingNetwork
 
 
 @lru_cache(maxsize=4)
 def shared_runtime(path: Path, threads: int | None) -> ElfRuntime:
     """The runtime of a model that all methods of this process share; its times are not those of each method."""
-    return _SharedRuntime(path, threads)
+    return _SharedRuntime(path, threads=threads)

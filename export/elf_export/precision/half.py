@@ -19,9 +19,8 @@ def half_precision(model: onnx.ModelProto) -> onnx.ModelProto:
 
     The preprocessing stays in float32: the mean of a large image needs it.  Masks of `dialect` are written for float16.
     """
-    graph = write_steps(Graph(model), "fp16")
-    source = GraphView(graph.model)
-    graph = Graph(graph.model)
+    written = write_steps(Graph(model), "fp16").model
+    source, graph = GraphView(written), Graph(written)
     renamed: dict[str, str] = {}  # what float16 nodes read in a float32 value's place
     outside = set(source.inputs) | {
         name for node in source.nodes if node.name.startswith(PREPROCESSING) for name in node.output

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby, islice
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,8 @@ from .origin import Prepared, read_with_source, record_of
 class OpenedModel:
     """What `ElfRuntime` is built on, with the work behind its methods; users see that class only."""
 
+    _network_kind: ClassVar[type[Network]] = Network  # another one may remember what it computed
+
     def __init__(
         self,
         model: str | os.PathLike[str] | bytes | None,
@@ -45,7 +47,7 @@ class OpenedModel:
         if color not in COLORS:
             raise SettingError(f"color is 'bgr' or 'rgb', not {color!r}")
         self._max_pixels, self._color = max_pixels, color
-        self._network = Network(None if model is None else read_model(model), session_options, int(sizes))
+        self._network = self._network_kind(None if model is None else read_model(model), session_options, int(sizes))
         self._way: Maps | Alone = (Maps if self.contract.end_to_end is None else Alone)(self._network)
 
     @property

@@ -16,7 +16,7 @@ from elf_eval.metrics.pose import pose_error
 from elf_eval.run.results import Results
 from elf_eval.run.subsets import draw_subsets
 from elf_runtime.reconstruction import map_database
-from room import SIZE, K, views
+from room import SIZE, K, views, write_as_strecha
 
 pytest.importorskip("pycolmap", reason="pycolmap, of the extra sfm, is not installed")
 
@@ -27,13 +27,7 @@ COUNT = 6  # of the room's views
 def room_folder(tmp_path_factory) -> Path:
     """Views of the room as Strecha's scenes are published."""
     scene = tmp_path_factory.mktemp("strecha") / "room"
-    (scene / "images").mkdir(parents=True)
-    (scene / "gt_dense_cameras").mkdir()
-    for n, seen in enumerate(views()[:COUNT]):
-        cv2.imwrite(str(scene / "images" / f"{n:04d}.png"), seen.image)
-        rows = [*K, [0, 0, 0], *seen.rotation.T, seen.center, [SIZE[1], SIZE[0]]]
-        text = "\n".join(" ".join(f"{value:.12g}" for value in row) for row in rows)
-        (scene / "gt_dense_cameras" / f"{n:04d}.png.camera").write_text(text)
+    write_as_strecha(scene, views()[:COUNT])
     return scene
 
 

@@ -13,7 +13,7 @@ from elf_eval.cli import main
 from elf_eval.data import open_dataset
 from elf_eval.data.depth import read_depth
 from elf_eval.data.plane_sweep import Neighbour, agreeing, sweep
-from room import _WALLS, SIDE, SIZE, K, views
+from room import _WALLS, SIDE, SIZE, K, views, write_as_strecha
 
 COUNT = 3
 
@@ -36,13 +36,7 @@ def true_depth(view) -> np.ndarray:
 @pytest.fixture(scope="module")
 def room_folder(tmp_path_factory) -> Path:
     scene = tmp_path_factory.mktemp("strecha") / "room"
-    (scene / "images").mkdir(parents=True)
-    (scene / "gt_dense_cameras").mkdir()
-    for n, seen in enumerate(views()[3 : 3 + COUNT]):
-        cv2.imwrite(str(scene / "images" / f"{n:04d}.png"), seen.image)
-        rows = [*K, [0, 0, 0], *seen.rotation.T, seen.center, [SIZE[1], SIZE[0]]]
-        text = "\n".join(" ".join(f"{value:.12g}" for value in row) for row in rows)
-        (scene / "gt_dense_cameras" / f"{n:04d}.png.camera").write_text(text)
+    write_as_strecha(scene, views()[3 : 3 + COUNT])
     return scene
 
 
