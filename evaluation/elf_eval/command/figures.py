@@ -16,7 +16,7 @@ from elf_eval.methods import open_method, open_methods
 from elf_eval.methods.elf import Elf
 from elf_eval.methods.gradient import Gradient
 from elf_eval.protocol import Protocol
-from elf_eval.report import plots, result_figures, saliency_figures
+from elf_eval.report import plots, result_figures, saliency_figures, viewpoint_figure
 from elf_eval.report.pictures import draw_matches
 from elf_eval.run.cache import FeatureCache
 from elf_eval.run.results import Results
@@ -31,8 +31,8 @@ from .report import with_rows
 
 _OF_RESULTS = {
     "bars": (result_figures.bars, "repeatability and matching score beside the paper's (figure 5)"),
-    "curves": (plots.curves, "repeatability and matching score over angle or scale (figures 6 and 7)"),
-    "viewpoint": (result_figures.viewpoint, "the same over the images of each scene (figure 8)"),
+    "curves": (plots.curves, "the same over angle or scale, beside the paper's (figures 6 and 7)"),
+    "viewpoint": (viewpoint_figure.viewpoint, "the same over the images of each of Strecha's scenes (figure 8)"),
     "components": (result_figures.components, "detector and descriptor apart, beside the paper's (figure 9)"),
 }
 

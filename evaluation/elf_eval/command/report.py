@@ -26,9 +26,14 @@ def add_parser(commands: Subcommands) -> None:
 
 
 def with_rows(results: Results, suite: Suite) -> Results:
-    """Results with the paper's rows that a suite has for their methods."""
+    """Results with what a suite says of the paper: rows of their methods, and experiments of their datasets."""
     rows = {entry.name: entry.paper for entry in suite.methods}
-    return replace(results, methods=[{**m, "paper": rows.get(m["name"], m["paper"])} for m in results.methods])
+    about = {entry.name: {"published": entry.published, "paper": entry.paper} for entry in suite.datasets}
+    return replace(
+        results,
+        methods=[{**m, "paper": rows.get(m["name"], m["paper"])} for m in results.methods],
+        datasets=[{**d, **about.get(d["name"], {})} for d in results.datasets],
+    )
 
 
 def _report(args: argparse.Namespace) -> None:

@@ -8,10 +8,12 @@ from typing import Any
 
 from elf_eval.metrics.epipolar import EPIPOLAR_ERROR
 from elf_eval.run.results import Results
+from elf_eval.suite.paper_logs import experiment
 from elf_eval.suite.suite import TableEntry
 
 from . import plots
 from .metrics_csv import write_csv
+from .paper_facts import paper_facts, stands_on_page
 from .tables import build
 
 
@@ -98,12 +100,11 @@ def _facts(results: Results, command: str) -> list[str]:
             f"matching within {p['eps']:g} px of the lines, over the fewer keypoints of the pair; some lie there by "
             "chance, and no keypoint is left out for being out of sight, so it is not the ms by depth."
         )
-    if beside := any(m["paper"] for m in results.methods):
-        facts.append("The paper's columns: rep / ms; -: it has no such row; not given: its figure is not known here.")
+    facts += paper_facts(results)
     facts.append("Versions: " + ", ".join(f"{name} {version}" for name, version in results.versions.items()) + ".")
     if not plots.available():
         facts.append("Plots are left out: matplotlib is not installed (it is in the extra 'eval').")
-    facts += [_published(d, beside) for d in results.datasets if _differs(d)]
+    facts += [_published(d, stands_on_page(results)) for d in results.datasets if _differs(d)]
     facts += [f"Not measured: {s['name']}: {s['reason']}." for s in results.skipped]
     return facts
 
@@ -116,6 +117,7 @@ def _published(dataset: Mapping[str, Any], beside: bool) -> str:
     """How much of the paper's data was measured; `beside`: the page has columns of the paper's figures."""
     theirs = ", ".join(f"{count} {what}" for what, count in dataset["published"].items())
     scenes = f"{dataset['scenes']} scene{'' if dataset['scenes'] == 1 else 's'}"
+    beside = beside and experiment(dataset) != "viewpoint"  # there the same pairs stand beside
     end = ": its columns are for orientation." if beside else "."
     return f"{dataset['name']}: {dataset['pairs']} pairs of {scenes} here, {theirs} in the paper{end}"
 

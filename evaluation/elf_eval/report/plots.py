@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,11 @@ from elf_eval.metrics.intervals import Estimate
 from elf_eval.metrics.matching_accuracy import MMA_THRESHOLDS
 from elf_eval.run.averages import having, keypoints, summarize
 from elf_eval.run.results import PairResult, Results
+from elf_eval.suite.paper_logs import CURVES, Curves, experiment
 from elf_eval.suite.suite import TableEntry
 
 from .method_names import wrapped
+from .paper_rows import THE_PAPER, has_rows
 from .selection import Selection, selections
 
 _BRACKETS = "in brackets: mean number of keypoints"
@@ -39,10 +42,13 @@ def plot(results: Results, entry: TableEntry, stem: Path) -> list[Path]:
     -------
     list of Path, empty where there is nothing to plot
     """
-    draw = {"bars": _bars, "curves": _curves, "mma": _mma}[entry.plot]
+    draw = {"bars": _bars, "curves": _curves, "mma": _mma}
     written = []
     for part in selections(results, entry):
-        figure = draw(part)
+        if entry.plot == "curves" and has_rows(part, entry):
+            figure = _curves(part, _of_paper(part))
+        else:
+            figure = draw[entry.plot](part)
         if figure is not None:
             slug = "".join(c if c.isalnum() else "-" for c in f"{part.dataset['name']}-{part.counts}".lower())
             path = stem.with_name(f"{stem.name}-{slug}.png")
@@ -81,23 +87,28 @@ def _bars(part: Selection) -> Any:
 
 
 def curves(results: Results, dataset: str) -> Any:
-    """A dataset's curves over its parameter; EvalError where it has none."""
+    """A dataset's curves over its parameter, the paper's dashed beside them; EvalError where it has no parameter."""
     (part, *_) = selections(results, TableEntry("curves", datasets=[dataset], plot="curves"))
-    figure = _curves(part)
+    figure = _curves(part, _of_paper(part))
     if figure is None:
         raise EvalError(f"{dataset}: its pairs have no angle or scale to draw curves over")
     return figure
 
 
-def _curves(part: Selection) -> Any:
+def _of_paper(part: Selection) -> Curves:
+    return CURVES.get(experiment(part.dataset), {})
+
+
+def _curves(part: Selection, theirs: Curves | None = None) -> Any:
     if not part.dataset["parameter"]:
         return None
-    figure = _figure(11.0)
+    figure = _figure(11.0, 4.4 if theirs else 3.8)
     panels = figure.subplots(1, 2, sharey=True)
     for axes, metric in zip(panels, ("rep", "ms"), strict=True):
         for i, (name, pairs) in enumerate(part.pairs.items()):
             points = [summarize([p for p in pairs if p.parameter == v], metric) for v in part.parameters]
             _curve(axes, i, part.parameters, points, name, pairs)
+        draw_paper(axes, metric, theirs or {}, part.methods)
         axes.set_xlabel(part.dataset["parameter"])
         axes.set_title(metric, fontsize=9)
         _percent(axes)
@@ -123,10 +134,10 @@ def _mma(part: Selection) -> Any:
     return figure
 
 
-def _figure(width: float) -> Any:
+def _figure(width: float, height: float = 3.8) -> Any:
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width, 3.8), layout="constrained")
+    return Figure(figsize=(width, height), layout="constrained")
 
 
 def _curve(
@@ -140,7 +151,28 @@ def _curve(
     known = [(v, 100 * p.mean) for v, p in zip(x, points, strict=True) if p is not None]
     if known:
         label = f"{wrapped(name, 28, 4)} ({_count(pairs)})"
-        axes.plot(*zip(*known, strict=True), marker="osD^vPX*<>"[index % 10], label=label)
+        axes.plot(*zip(*known, strict=True), label=label, **style(index))
+
+
+def style(index: int) -> dict[str, Any]:
+    """The colour and marker of the method of this number."""
+    return {"color": f"C{index % 10}", "marker": "osD^vPX*<>"[index % 10]}
+
+
+def draw_paper(
+    axes: Any, metric: str, theirs: Curves, methods: Sequence[Mapping[str, Any]], size: float | None = None
+) -> None:
+    """Draw the paper's curves of rep or ms dashed: in the colour of our method of that row, where there is one.
+
+    `size` is that of the markers, matplotlib's own by default.
+    """
+    ours = {m["paper"]: number for number, m in reversed(list(enumerate(methods))) if m["paper"]}
+    free = count(len(methods))
+    for row, curve in theirs.items():
+        heights = [rep if metric == "rep" else ms for rep, ms in curve.values()]
+        look = style(ours[row] if row in ours else next(free))
+        look |= {"linestyle": "--", "linewidth": 1.0, "markerfacecolor": "none", "markersize": size}
+        axes.plot(list(curve), heights, label=f"{THE_PAPER}{row}", **look)
 
 
 def _count(pairs: Sequence[PairResult]) -> str:

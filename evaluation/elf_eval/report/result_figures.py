@@ -1,11 +1,9 @@
-"""Figures of results in the paper's form: bars beside the paper's, curves over images, and components in threes."""
+"""Figures of results in the paper's form: bars beside the paper's, and components in threes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
-
-import numpy as np
 
 from elf_eval.errors import EvalError
 from elf_eval.run.averages import having, keypoints, summarize
@@ -39,7 +37,7 @@ def bars(results: Results, dataset: str) -> Any:
     names = [wrapped(f"{name}\n{_count(pairs)}", 14, 5) for name, (pairs, _) in rows.items()]
     axes.set_xticks(range(len(rows)), names, fontsize=7)
     axes.set_xlabel("below the names: mean number of keypoints, of those measured here", fontsize=8)
-    figure.suptitle(_title(results, dataset), fontsize=10)
+    figure.suptitle(title_of(results, dataset), fontsize=10)
     return figure
 
 
@@ -52,39 +50,6 @@ def _rows(results: Results, dataset: str) -> dict[str, tuple[list[PairResult], s
     taken = {row for _, row in rows.values()}
     rows |= {row: ([], row) for row in TABLES["generic"] if row not in taken}
     return dict(sorted(rows.items(), key=lambda item: not item[0].startswith("ELF")))
-
-
-def viewpoint(results: Results, dataset: str) -> Any:
-    """A column for each scene, over the second image of each pair: rep above, ms below (figure 8).
-
-    Where there is no depth, the matching score by epipolar lines stands for ms, and there is no rep.
-    """
-    scenes = list(dict.fromkeys(p.scene for p in results.pairs if p.dataset == dataset))
-    figure = _figure(4.2 * len(scenes) + 1.6, 6.4)
-    panels = figure.subplots(2, len(scenes), squeeze=False)
-    for column, scene in enumerate(scenes):
-        for row, metric in enumerate(_METRICS):
-            axes = panels[row][column]
-            for number, method in enumerate(m["name"] for m in results.methods):
-                pairs = [p for p in results.of(dataset, method, "own") if p.scene == scene]
-                depth = any("rep" in p.metrics for p in pairs)
-                shown = metric if depth else "epi_ms" if metric == "ms" else None
-                values = [p.metrics.get(shown, np.nan) for p in pairs] if shown else []
-                if values:
-                    label = f"{wrapped(method, 24, 3)} ({_count(pairs)})"
-                    axes.plot(range(1, len(values) + 1), 100 * np.array(values, float), marker="osD^vPX*"[number % 8],
-                              markersize=4, label=label)  # fmt: skip
-            _percent(axes, _METRICS[metric] if axes.lines and shown != "epi_ms" else _metric_without_depth(metric))
-            axes.set_title(scene, fontsize=9)
-            axes.set_xlabel("image, against the first one", fontsize=8)
-    figure.legend(*panels[1][0].get_legend_handles_labels(), loc="outside right center", frameon=False, fontsize=8)
-    title = f"{_title(results, dataset)}; in brackets: mean number of keypoints"
-    figure.suptitle(wrapped(title, 45 * len(scenes), 3), fontsize=10)
-    return figure
-
-
-def _metric_without_depth(metric: str) -> str:
-    return "Matching score by epipolar lines (%)" if metric == "ms" else "no repeatability without depth"
 
 
 def components(results: Results, dataset: str) -> Any:
@@ -111,7 +76,7 @@ def components(results: Results, dataset: str) -> Any:
     axes.set_xlim(-0.6, len(names) - 0.4)
     _percent(axes, _METRICS["ms"])
     _legend(axes)
-    figure.suptitle(_title(results, dataset), fontsize=10)
+    figure.suptitle(title_of(results, dataset), fontsize=10)
     return figure
 
 
@@ -141,7 +106,8 @@ def dataset_of(results: Results, name: str | None) -> str:
     return str(name)
 
 
-def _title(results: Results, dataset: str) -> str:
+def title_of(results: Results, dataset: str) -> str:
+    """The dataset, with its numbers of pairs and scenes."""
     about = next(d for d in results.datasets if d["name"] == dataset)
     return f"{dataset}: {about['pairs']} pairs of {about['scenes']} scene{'' if about['scenes'] == 1 else 's'}"
 

@@ -8,9 +8,11 @@ from elf_eval.metrics.matching_accuracy import MMA_THRESHOLDS
 from elf_eval.run.averages import having, image_counts, keypoints, summarize
 from elf_eval.run.results import PairResult, Results
 from elf_eval.suite import paper
+from elf_eval.suite.paper_logs import CURVES, experiment
 from elf_eval.suite.suite import TableEntry
 
-from .columns import by_pairs, short
+from .columns import Column, by_pairs, short
+from .paper_rows import curve_rows, has_rows, paper_columns, scene_tables, stands_beside
 from .selection import Selection, selections
 from .table import Table
 
@@ -29,7 +31,9 @@ def build(results: Results, entry: TableEntry) -> list[Table]:
             continue
         tables += _main(part, entry)
         if part.dataset["parameter"]:
-            tables.append(_by_parameter(part))
+            tables.append(_by_parameter(part, has_rows(part, entry)))
+        if experiment(part.dataset) == "viewpoint" and stands_beside(part, entry):
+            tables += scene_tables(part, has_rows(part, entry))
     return tables
 
 
@@ -49,26 +53,30 @@ def _caption(part: Selection, found: Found) -> str:
 
 def _main(part: Selection, entry: TableEntry) -> list[Table]:
     tables = []
-    for columns, over in by_pairs(part.pairs):
+    groups = by_pairs(part.pairs)
+    place = _place_of_paper(part, groups) if stands_beside(part, entry) else None
+    for number, (columns, over) in enumerate(groups):
         found = {name: [p for p in pairs if (p.scene, p.pair) in over] for name, pairs in part.pairs.items()}
-        beside = any(c.metric == "rep" for c in columns) and (entry.paper or any(m["paper"] for m in part.methods))
-        header = ["method", "keypoints (least)", *(c.title for c in columns)]
-        header += [f"the paper's {name}" for name in paper.DATASETS] if beside else []
+        theirs = paper_columns(part, {scene for scene, _ in over}) if number == place else []
+        header = ["method", "keypoints (least)", *(c.title for c in columns), *(c.title for c in theirs)]
         rows = []
         for method in part.methods:
             pairs = found[method["name"]]
             row = [method["name"], _counted(pairs), *(c.cell(pairs) for c in columns)]
-            rows.append(row + (_paper(method["paper"]) if beside else []))
-        if beside and entry.paper and part.counts == part.results.protocol["counts"][0]:
+            rows.append([*row, *(c.cell(method["paper"]) for c in theirs)])
+        if theirs and entry.paper and has_rows(part, entry):
             ours = {m["paper"] for m in part.methods}
+            none = ["not measured", *("-" for _ in columns)]
             absent = [name for name in paper.TABLES[entry.paper] if name not in ours]
-            rows += [[name, "not measured", *("-" for _ in columns), *_paper(name)] for name in absent]
+            rows += [[name, *none, *(c.cell(name) for c in theirs)] for name in absent]
         tables.append(Table(_caption(part, found), header, rows))
     return tables
 
 
-def _paper(row: str | None) -> list[str]:
-    return [paper.figures(row, name) for name in paper.DATASETS]
+def _place_of_paper(part: Selection, groups: Sequence[tuple[Sequence[Column], object]]) -> int | None:
+    """Which of the tables has the paper's columns: that of rep; of a viewpoint without depth the first."""
+    with_rep = [n for n, (columns, _) in enumerate(groups) if any(c.metric == "rep" for c in columns)]
+    return next(iter(with_rep), 0 if experiment(part.dataset) == "viewpoint" else None)
 
 
 def _counted(pairs: Sequence[PairResult]) -> str:
@@ -78,7 +86,7 @@ def _counted(pairs: Sequence[PairResult]) -> str:
     return f"{count.mean:.0f} ({count.least})"
 
 
-def _by_parameter(part: Selection) -> Table:
+def _by_parameter(part: Selection, rows_of_paper: bool) -> Table:
     rows = []
     for name, pairs in part.pairs.items():
         row = [name]
@@ -88,6 +96,8 @@ def _by_parameter(part: Selection) -> Table:
             scores = f"{short(summarize(there, 'rep'))} / {short(summarize(there, 'ms'))}"
             row.append(f"{scores} ({sum(numbers) / len(numbers):.0f})" if numbers else "-")
         rows.append(row)
+    if rows_of_paper and (curves := CURVES.get(experiment(part.dataset))):
+        rows += curve_rows(curves, part.parameters)
     what = f"rep / ms (keypoints of the view) by {part.dataset['parameter']}"
     return Table(f"{_caption(part, part.pairs)}: {what}", ["method", *(f"{v:g}" for v in part.parameters)], rows)
 

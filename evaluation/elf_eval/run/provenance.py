@@ -52,6 +52,7 @@ def about_dataset(entry: DatasetEntry, dataset: Dataset, size: Size | None) -> d
         "images": len(refs),
         "sha256": sha.hexdigest(),
         "published": entry.published,
+        "paper": entry.paper,
     }
 
 

@@ -48,7 +48,8 @@ class Results:
     skipped : list of dict
         name and reason of the methods that could not be opened.
     datasets : list of dict
-        name, spec, parameter, pairs, scenes, images, sha256 (over the images and the ground truth).
+        name, spec, parameter, pairs, scenes, images, sha256 (over the images and the ground truth), published, paper
+        (of the suite).
     versions : dict
     created : str
         ISO 8601, UTC.
@@ -144,6 +145,7 @@ class _Dataset:
     pairs: int
     scenes: int
     sha256: str
+    paper: str = ""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ Benbihi, Geist, Pradalier, "ELF: Embedded Localisation of Features in pre-traine
 The rows of ELF and SIFT are those of the paper's table.  The others come, to a tenth, from the authors' plotting
 scripts (github.com/abenbihi/elf, plots/fig5_hpatch.py and fig5_webcam.py).  The scripts have the figures of SIFT and
 SURF the other way round: SIFT's 51.2 / 24.6 stand in the authors' README too.  Of the table of gradients only one pair
-of figures is known here.
+of figures is known here.  Rotation, scale and 3D viewpoint are in `paper_logs`.
 
 Of detector and descriptor apart only matching scores are known (plots/fig9.py): each method with ELF's keypoints, and
 with ELF's descriptor, VGG's pool3.  There LF-Net's own score on HPatches is 34.2, where the other script has 35.6.
@@ -17,9 +17,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from .paper_logs import LOGGED
+
 DATASETS = ("HPatches", "Webcam")
 
 Figures = tuple[float | None, float]  # repeatability where it is known, and matching score
+
+
+_HYBRIDS = ("AlexNet", "Xception")  # whose descriptors the paper's table of gradients has too; VGG's is the plain row
 
 
 def _apart(hpatches: float, webcam: float) -> Mapping[str, Figures]:
@@ -57,6 +62,7 @@ PAPER: Mapping[str, Mapping[str, Figures]] = MappingProxyType(
         "ORB + ELF's descriptor": _apart(20.0, 13.9),
         "Sobel": {},
         "Laplacian": {"HPatches": (65.5, 55.3)},
+        **{f"{operator} + {network}": {} for network in _HYBRIDS for operator in ("Sobel", "Laplacian")},
     }
 )
 
@@ -69,7 +75,11 @@ TABLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
             *(f"ELF-{network}" for network in ("VGG", "AlexNet", "Xception", "SuperPoint", "LFNet")),
             *("LF-Net", "SuperPoint", "LIFT", "SIFT", "SURF", "ORB", "KAZE", "TILDE", "MSER"),
         ),
-        "gradients": ("ELF-VGG", "Sobel", "Laplacian"),
+        "gradients": (
+            *("ELF-VGG", "Sobel", "Laplacian"),
+            *(f"{detector}{network}" for network in _HYBRIDS for detector in ("ELF-", "Sobel + ", "Laplacian + ")),
+        ),
+        "robustness": LOGGED,
         "ELF's descriptor": ("ELF-VGG, pool3", *(f"{name} + ELF's descriptor" for name in _COMPARED)),
         "ELF's keypoints": ("ELF-VGG, pool3", *(f"{name} at ELF's keypoints" for name in _COMPARED)),
     }

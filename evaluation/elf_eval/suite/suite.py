@@ -10,6 +10,7 @@ from elf_eval.protocol import Protocol
 
 from . import variables
 from .paper import PAPER, TABLES
+from .paper_logs import EXPERIMENTS
 
 
 @dataclass(frozen=True)
@@ -53,14 +54,20 @@ class DatasetEntry:
         Where it can't be opened, leave it out, and say why in the report.
     published : mapping
         How many "pairs" and "scenes" the paper's figures are over, where known; the report says where ours differ.
+    paper : str
+        Which of the paper's experiments stands beside: a name of `paper_logs.EXPERIMENTS`.  By default "scale" or
+        "rotation" where its pairs vary in that, and else "generic", HPatches and Webcam.
     """
 
     name: str
     spec: str
     optional: bool = False
     published: dict[str, int] = field(default_factory=dict)
+    paper: str = ""
 
     def __post_init__(self) -> None:
+        if self.paper and self.paper not in EXPERIMENTS:
+            raise EvalError(f"dataset {self.name!r}: paper is one of {list(EXPERIMENTS)}, not {self.paper!r}")
         if unknown := set(self.published) - {"pairs", "scenes"}:
             raise EvalError(f"dataset {self.name!r}: published has pairs and scenes, not {sorted(unknown)}")
 

@@ -83,3 +83,28 @@ def test_what_can_t_be_drawn_is_one_error(photo_file, tmp_path, capsys):
     assert line == "sift: a saliency map is of elf:FILE.onnx, sobel or laplacian"
     (line,) = error_of([*command, "--model", "sobel", "--crop", "100,100,100,100"], capsys)
     assert "160x120" in line
+
+
+@pytest.mark.skipif(not plots.available(), reason="matplotlib is not installed")
+def test_a_suite_says_whose_curves_stand_beside_whose(hpatches_folder, tmp_path, monkeypatch):
+    """Results by hand, drawn and reported with the suite of the paper's scale."""
+    where = ["--dataset", f"scale:{hpatches_folder}?factors=1.25,2", "--detector", "sift", "--out", str(tmp_path)]
+    rest = ["--cache", str(tmp_path / "c"), "--quiet", "--size", "160x120", "--threads", "1"]
+    assert main(["run", *where, *rest]) == 0
+    assert "the paper" not in (tmp_path / "README.md").read_text()
+    suite = tmp_path / "suite.toml"
+    suite.write_text(
+        "[[dataset]]\nname = 'scale'\nspec = 'x'\npublished = { scenes = 116 }\n"
+        "[[method]]\nname = 'sift'\ndetector = 'sift'\npaper = 'SIFT'\n"
+    )
+    results = str(tmp_path / "results.json")
+    colours = []
+    draw = plots.draw_paper
+    monkeypatch.setattr(plots, "draw_paper", lambda *a: (draw(*a), colours.append(a[0].lines[2].get_color())))
+    picture(["figures", "curves", results], tmp_path / "alone.png")
+    picture(["figures", "curves", results, "--suite", str(suite)], tmp_path / "joined.png")
+    assert colours == ["C2", "C2", "C0", "C0"]  # the paper's SIFT, its second, beside our only one
+    assert main(["report", results, "--suite", str(suite)]) == 0
+    page = (tmp_path / "README.md").read_text()
+    assert "| the paper: SIFT | 72.5 / 51.4 | 70.4 / 50.7 |" in page
+    assert "116 scenes in the paper: its columns are for orientation" in page

@@ -148,7 +148,10 @@ def test_wide_stereo_by_the_suite(colmap_folder, tmp_path, monkeypatch):
     pairs = results.of("wide stereo", "SIFT", "own")
     assert [pair.second for pair in pairs if "ms" in pair.metrics] == ["room/0001.png"]
     assert all(pair.metrics["pose_right@10"] == 1.0 for pair in pairs)
-    assert "pose mAP@5 / 10 / 15 / 20 / 25" in (tmp_path / "paper_image_matching" / "README.md").read_text()
+    page = (tmp_path / "paper_image_matching" / "README.md").read_text()
+    assert "pose mAP@5 / 10 / 15 / 20 / 25" in page
+    assert "The paper's own figures of this challenge were published as a picture" in page
+    assert "the paper's HPatches" not in page
     (maps / "0000.png.geometric.bin").write_bytes(b"7&5&1&")
     with pytest.raises(Exception, match=r"a depth map of 7x5 for 0000.png of 640x480 pixels"):
         open_dataset(f"colmap:{colmap_folder}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from made_results import LINED, PLACED, pair, results
+from made_results import PLACED, pair, results
 
 from elf_eval.errors import EvalError
 from elf_eval.report import plots, result_figures
@@ -51,22 +51,25 @@ def test_components_are_three_of_ours_and_three_of_the_paper_s():
     assert found == {20.0, 30.0, 40.0, 24.6, 50.6, 27.0}
 
 
-def test_a_scene_without_depth_shows_its_score_by_lines():
-    pairs = [pair("deep", n, PLACED) for n in (1, 2, 3)] + [pair("flat", n, {**LINED, "epi_ms": 0.4}) for n in (1, 2)]
-    figure = result_figures.viewpoint(results(pairs), "set")
-    (rep1, rep2, ms1, ms2) = figure.axes
-    assert [axes.get_title() for axes in (rep1, rep2)] == ["deep", "flat"]
-    assert list(rep1.lines[0].get_ydata()) == [50.0] * 3
-    assert not rep2.lines
-    assert list(ms1.lines[0].get_ydata()) == [25.0] * 3
-    assert list(ms2.lines[0].get_ydata()) == [40.0] * 2
-    assert "epipolar" in ms2.get_ylabel()
-    assert "epipolar" not in ms1.get_ylabel()
-
-
 def test_curves_need_a_parameter():
     with pytest.raises(EvalError, match="no angle or scale"):
         plots.curves(results([pair("a", 1, PLACED)]), "set")
+
+
+def test_curves_have_the_paper_s_dashed_beside_them():
+    pairs = [pair("a", v, PLACED, method=m, parameter=v) for m in ("ORB", "mine") for v in (1.25, 1.5)]
+    found = named(results(pairs, parameter="scale"), "scale", {"mine": "SIFT"})
+    rep, ms = plots.curves(found, "scale").axes
+    for axes, heights in ((rep, [72.532, 71.043, 70.097, 70.374]), (ms, [51.409, 49.663, 49.835, 50.747])):
+        lines = {line.get_label(): line for line in axes.lines}
+        assert list(lines["the paper: SIFT"].get_xdata()) == [1.25, 1.5, 1.75, 2]
+        assert list(lines["the paper: SIFT"].get_ydata()) == heights
+        assert lines["the paper: SIFT"].get_color() == lines["mine (100)"].get_color()
+        assert lines["the paper: SIFT"].get_linestyle() == "--"
+        assert len(lines) == 7
+        assert len({line.get_color() for line in lines.values()}) == 6
+    other = results([pair("a", v, PLACED, parameter=v) for v in (1.0, 2.0)], parameter="blur")
+    assert len(plots.curves(other, "set").axes[0].lines) == 1
 
 
 def test_a_dataset_is_named_where_there_are_several():

@@ -65,7 +65,8 @@ def test_a_suite_runs_on_its_data_set(name, variables, tmp_path):
         m["name"] for m in results.methods
     }
     assert "in the paper" in page  # the miniature is no whole data set
-    assert ("its columns are" in page) == ("the paper's HPatches" in page)
+    assert ("its columns are" in page) == (name != "paper_strecha")
+    assert ("the paper's HPatches" in page) == (name not in ("paper_rotation", "paper_scale", "paper_strecha"))
     if name in ("paper_hpatches", "paper_webcam"):
         assert "Not measured: TILDE: npz:${ELF_FEATURES}/tilde?frame=working: no such folder" in page
         rows = [line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| ")]
@@ -79,6 +80,15 @@ def test_a_suite_runs_on_its_data_set(name, variables, tmp_path):
         assert {p.scene for p in found if "rep" in p.metrics} == {"fountain-P11"}
         assert all("epi_ms" in p.metrics for p in found)
         assert "ms by lines" in page
+        assert "the paper's fountain-P11, 10 pairs |" in page  # of depth, beside rep and ms
+        assert "| the paper: SuperPoint | 68.1 / 67.3 | 61.3 / 56.2 |" in page
+        assert "| the paper: LIFT | 72.1 / 56.5 | 60.4 / 32.3 |" in page
+    if name == "paper_scale":
+        assert "| the paper: ELF-VGG | 74.9 / 69.3 | 70.8 / 53.2 | 67.2 / 36.8 | 64.8 / 25.6 |" in page
+        assert "| LIFT | not measured |" in page
+    if name == "paper_rotation":
+        assert "| the paper: SIFT | 70.8 / 51.0 | 66.5 / 41.9 | 67.9 / 42.2 | 66.3 / 40.0 | 70.2 / 46.9 |" in page
+        assert "| SuperPoint | not measured |" in page
 
 
 def test_every_data_set_of_a_suite_exists_as_its_publishers_left_it(variables):
@@ -92,6 +102,13 @@ def test_the_gradients_with_three_networks_descriptors():
     suite = load_suite(SUITES / "paper_gradients.toml")
     described = {m.descriptor.partition("/")[2].partition(".")[0] for m in suite.methods if m.descriptor}
     assert described == {"elf-vgg", "elf-alexnet", "elf-xception"}
+    assert {m.paper for m in suite.methods} == set(TABLES["gradients"])
+
+
+def test_the_challenge_s_page_says_why_nothing_of_the_paper_stands_beside():
+    suite = load_suite(SUITES / "paper_image_matching.toml")
+    assert [d.paper for d in suite.datasets] == ["image matching"]
+    assert "none stand beside" in suite.note
 
 
 def test_what_is_missing_is_named_before_any_work(variables, tmp_path, monkeypatch, capsys):
@@ -128,3 +145,5 @@ def test_the_results_say_what_is_published(variables, tmp_path):
     assert main(run("paper_scale", tmp_path / "out", tmp_path)) == 0
     data = json.loads((tmp_path / "out" / "paper_scale" / "results.json").read_text())
     assert data["datasets"][0]["published"] == {"pairs": 464, "scenes": 116}
+    assert data["datasets"][0]["paper"] == ""
+    assert {m["name"]: m["paper"] for m in data["methods"]}["SIFT"] == "SIFT"
