@@ -1,10 +1,10 @@
 """The paper's rotation, scale and 3D viewpoint figures, as their authors' logs have them.
 
-github.com/abenbihi/elf, plots/res/METHOD/NUMBER/log.txt; which log is which, and the angles, which the logs don't name,
-are in plots/fig6.py (scale), fig7.py (rotation) and fig8.py (viewpoint).  ELF is VGG with denoising (5, 2) and
-threshold (17, 6).  Scale and rotation are means over HPatches' 116 scenes, image 1 of each against views of itself;
-the viewpoint's are single pairs, the first image of each of Strecha's scenes against each other one.  What the logs
-say of the numbers of keypoints is not here.
+github.com/abenbihi/elf at commit 286adaf, plots/res/METHOD/NUMBER/log.txt; which log is which, and the angles, which
+the logs don't name, are in plots/fig6.py (scale), fig7.py (rotation) and fig8.py (viewpoint).  ELF is VGG with
+denoising (5, 2) and threshold (17, 6).  Scale and rotation are means over HPatches' 116 scenes, image 1 of each against
+views of itself; the viewpoint's are single pairs, the first image of each of Strecha's scenes against each other one.
+What the logs say of the numbers of keypoints is not here.
 
 The logs of scale and rotation have the same figures for i_objects and i_table, of every method.  LIFT's of rotation has
 for v_feast and v_wall the same figures at 170 degrees as at 130.  The means are over the logs as they are.
