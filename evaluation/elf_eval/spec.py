@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -32,6 +33,8 @@ class Spec:
         Names of the options that were asked for.
     shared : bool
         Whether a model is to be opened once for all its settings, which share what its network gives for an image.
+    incomplete : dict, optional
+        Where given, a dataset leaves out scenes of which something is missing, and writes here which and why.
     """
 
     text: str
@@ -40,6 +43,7 @@ class Spec:
     options: dict[str, str]
     known: list[str] = field(default_factory=list)
     shared: bool = False
+    incomplete: dict[str, str] | None = None
 
     @classmethod
     def parse(cls, text: str) -> Spec:
@@ -84,6 +88,16 @@ class Spec:
             raise EvalError(
                 f"{self.text}: unknown options {sorted(self.options)}; known are {sorted(self.known)}{near}"
             )
+
+    @contextmanager
+    def whole(self, scene: str) -> Iterator[None]:
+        """Around the reading of a scene: an EvalError leaves it out where `incomplete` is given, and else goes on."""
+        try:
+            yield
+        except EvalError as error:
+            if self.incomplete is None:
+                raise
+            self.incomplete[scene] = str(error)
 
     def file(self, what: str) -> Path:
         """The argument as the path of an existing file."""

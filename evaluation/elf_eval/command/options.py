@@ -15,16 +15,18 @@ from elf_runtime.commands.options import positive
 Subcommands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
-def add_protocol(parser: argparse.ArgumentParser) -> None:
-    """The options that `protocol` reads."""
+def add_protocol(parser: argparse.ArgumentParser, scores: bool = True) -> None:
+    """The options that `protocol` reads; without `scores` none of those that are of repeatability and its like."""
     group = parser.add_argument_group("protocol")
     group.add_argument("--size", type=image_size, help="WIDTHxHEIGHT (640x480) or source")
     group.add_argument("--max-keypoints", type=positive, help="500")
-    group.add_argument("--eps", type=float, help="pixels (5)")
-    group.add_argument("--counts", type=lambda text: text.split(","), help="own, equal or own,equal")
     group.add_argument(
         "--ratio", type=float, help="of Lowe's test for the matches (none); a method's own, sift?ratio=0.8, goes before"
     )
+    if not scores:
+        return
+    group.add_argument("--eps", type=float, help="pixels (5)")
+    group.add_argument("--counts", type=lambda text: text.split(","), help="own, equal or own,equal")
     group.add_argument(
         "--count-floor", type=natural, help="equal counts are at least this; a method with fewer keeps what it has (0)"
     )

@@ -27,7 +27,7 @@ def add_parser(commands: Subcommands) -> None:
     parser.add_argument(
         "-o", "--output", "--out", dest="out", metavar="FOLDER", required=True, help="folder of the results"
     )
-    add_protocol(parser)
+    add_protocol(parser, scores=False)
     add_resources(parser)
     parser.set_defaults(action=_sfm)
 

@@ -6,7 +6,7 @@ May import the modules beside the rooms alone.
 
 from __future__ import annotations
 
-from .dataset import Dataset, Pair
+from .dataset import Dataset, Pair, is_of
 from .kinds import DATASETS, open_dataset
 
-__all__ = ["DATASETS", "Dataset", "Pair", "open_dataset"]
+__all__ = ["DATASETS", "Dataset", "Pair", "is_of", "open_dataset"]

@@ -36,6 +36,11 @@ class Pair:
         return f"{self.first.name} - {self.second.name}"
 
 
+def is_of(pair: str, scenes: Collection[str]) -> bool:
+    """Whether a pair of this name, "v_graf/1.png - v_graf/3.png", is of one of these scenes."""
+    return any(pair.startswith(f"{scene}/") for scene in scenes)
+
+
 @dataclass(frozen=True)
 class Dataset:
     """Pairs, in a fixed order.

@@ -56,9 +56,11 @@ def _from_references(spec: Spec, parameter: str, views: Sequence[tuple[float, Vi
     wanted = comma_separated(spec.take("scenes", str, ""))
     pairs = []
     for folder in scene_folders(spec, part, wanted):
-        first = replace(reference(folder), exact=True)
-        for value, view in views:
-            pairs.append(Pair(folder.name, first, _seen(first, f"{spec.kind}-{value:g}", view), Homography(), value))
+        with spec.whole(folder.name):
+            first = replace(reference(folder), exact=True)
+            for value, view in views:
+                seen = _seen(first, f"{spec.kind}-{value:g}", view)
+                pairs.append(Pair(folder.name, first, seen, Homography(), value))
     return Dataset(spec.kind, tuple(pairs), parameter)
 
 

@@ -38,7 +38,8 @@ def hpatches(spec: Spec) -> Dataset:
     pairs: list[Pair] = []
     for folder in scene_folders(spec, part, wanted):
         if not (drop and folder.name in USUALLY_DROPPED):
-            pairs += scene_pairs(folder)
+            with spec.whole(folder.name):
+                pairs += scene_pairs(folder)
     if not pairs:
         raise EvalError(f"{spec.text}: no pairs are left")
     return Dataset("hpatches", tuple(pairs))
@@ -52,8 +53,9 @@ def scene_folders(spec: Spec, part: str, wanted: list[str]) -> list[Path]:
     scenes = [f for f in folders_in(root) if re.match(f"[{part or 'iv'}]_", f.name)]
     if not scenes:
         raise EvalError(f"{root}: no scene folders i_* or v_*: not HPatches' layout")
-    if missing := set(wanted) - {f.name for f in scenes}:
-        raise EvalError(f"{root}: no scenes {sorted(missing)}; there are {[f.name for f in scenes]}")
+    for name in sorted(set(wanted) - {f.name for f in scenes}):
+        with spec.whole(name):
+            raise EvalError(f"{root}: no scene {name!r}; there are {[f.name for f in scenes]}")
     return [f for f in scenes if not wanted or f.name in wanted]
 
 

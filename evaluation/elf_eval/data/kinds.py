@@ -31,8 +31,13 @@ DATASETS: Mapping[str, Callable[[Spec], Dataset]] = MappingProxyType(
 )
 
 
-def open_dataset(text: str) -> Dataset:
+def open_dataset(text: str, incomplete: dict[str, str] | None = None) -> Dataset:
     """The dataset that a text such as ``hpatches:FOLDER?part=v`` names.
+
+    Parameters
+    ----------
+    incomplete : dict, optional
+        Where given, scenes of which something is missing are left out, and this gets their names and what is missing.
 
     Raises
     ------
@@ -40,6 +45,7 @@ def open_dataset(text: str) -> Dataset:
         On an unknown kind or option, a missing file, or a folder without a pair.
     """
     spec = Spec.parse(text)
+    spec.incomplete = incomplete
     if spec.kind not in DATASETS:
         near = suggestion(spec.kind, DATASETS)
         raise EvalError(f"{text}: unknown kind of dataset {spec.kind!r}; known are {sorted(DATASETS)}{near}")

@@ -59,7 +59,9 @@ def strecha(spec: Spec) -> Dataset:
     pairs: list[Pair] = []
     all_views: list[_View] = []
     for scene in [root] if _is_scene(root) else folders_in(root):
-        views = [_view(scene, path, depths) for path in images_in(_image_folder(scene))]
+        views: list[_View] = []
+        with spec.whole(scene_name(scene)):
+            views = [_view(scene, path, depths) for path in images_in(_image_folder(scene))]
         all_views += views
         for (i, a), (j, b) in combinations(enumerate(views), 2):
             if (which == "all" or i == 0) and (not step or j - i <= step):

@@ -29,15 +29,17 @@ def webcam(spec: Spec) -> Dataset:
     root = spec.folder()
     wanted = comma_separated(spec.take("scenes", str, ""))
     scenes = folders_in(root) or [root]
-    if missing := set(wanted) - {scene_name(folder) for folder in scenes}:
-        raise EvalError(f"{root}: no scenes {sorted(missing)}; there are {[scene_name(f) for f in scenes]}")
+    for name in sorted(set(wanted) - {scene_name(folder) for folder in scenes}):
+        with spec.whole(name):
+            raise EvalError(f"{root}: no scene {name!r}; there are {[scene_name(f) for f in scenes]}")
     for scene in scenes:
         if wanted and scene_name(scene) not in wanted:
             continue
         name = scene_name(scene)
-        refs = [ImageRef(f"{name}/{p.name}", p) for p in images_in(_image_folder(scene))]
-        refs = refs[:limit] if limit else refs
-        pairs += [Pair(name, refs[0], other, Homography()) for other in refs[1:]]
+        with spec.whole(name):
+            refs = [ImageRef(f"{name}/{p.name}", p) for p in images_in(_image_folder(scene))]
+            refs = refs[:limit] if limit else refs
+            pairs += [Pair(name, refs[0], other, Homography()) for other in refs[1:]]
     return Dataset("webcam", tuple(pairs))
 
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from elf_eval.data import Pair, open_dataset
+from elf_eval.data import Pair, is_of, open_dataset
 from elf_eval.errors import EvalError
 from elf_eval.features import ImageFeatures
 from elf_eval.methods import open_methods
@@ -35,7 +35,11 @@ def write_pictures(suite: Suite, results: Results, folder: Path, resources: Reso
     measured = {m["name"] for m in results.methods}
     there = {d["name"] for d in results.datasets}
     for entry in (picture for picture in suite.pictures if picture.dataset in there):
-        pair = open_dataset(suite.expand(specs[entry.dataset])).pair(entry.pair)
+        incomplete: dict[str, str] = {}  # the run has named what is missing
+        dataset = open_dataset(suite.expand(specs[entry.dataset]), incomplete)
+        if is_of(entry.pair, incomplete):
+            continue
+        pair = dataset.pair(entry.pair)
         for method_entry in suite.methods:
             name = method_entry.name
             if name not in measured or (entry.methods and name not in entry.methods):

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from elf_eval.data import Dataset, open_dataset
+from elf_eval.data import Dataset, is_of, open_dataset
 from elf_eval.data.images import ImageRef
 from elf_eval.errors import EvalError
 from elf_eval.methods import open_methods
@@ -124,30 +124,40 @@ def _seconds(features: Features, method: str) -> list[float]:
 def open_datasets(suite: Suite) -> tuple[list[tuple[DatasetEntry, Dataset]], list[dict[str, str]]]:
     """The suite's datasets with their entries; the optional ones that can't be opened, with the reasons.
 
+    Of an optional dataset the scenes that are whole are taken, and the others are named with their reasons.
+
     Raises
     ------
     EvalError
         If another can't be opened, or none is left; if a picture is of a pair or a group of scenes that none has.
     """
-    opened, absent = [], []
+    opened: list[tuple[DatasetEntry, Dataset]] = []
+    absent: list[dict[str, str]] = []
+    left_out: dict[str, set[str]] = {}
     for entry in suite.datasets:
+        missing: dict[str, str] = {}  # by scene; "" is the whole
+        incomplete: dict[str, str] = {}
         try:
-            opened.append((entry, open_dataset(suite.expand(entry.spec))))
+            opened.append((entry, open_dataset(suite.expand(entry.spec), incomplete if entry.optional else None)))
         except EvalError as error:
             if not entry.optional:
                 raise EvalError(f"{error}{suite.origin(entry)}") from error
-            absent.append({"name": entry.name, "reason": suite.unexpand(str(error))})
-            print(f"left out: dataset {entry.name!r}: {error}{suite.origin(entry)}", file=sys.stderr)
+            missing = {"": str(error)} if not incomplete else {}
+        left_out[entry.name] = set(incomplete)
+        for scene, why in (missing | incomplete).items():
+            name = f"{entry.name}/{scene}".rstrip("/")
+            absent.append({"name": name, "reason": suite.unexpand(why)})
+            print(f"left out: dataset {name!r}: {why}{suite.origin(entry)}", file=sys.stderr)
     if not opened:
         raise EvalError("\n".join(["none of the datasets is there", *(a["reason"] for a in absent)]))
-    _check_pictures(suite, {entry.name: dataset for entry, dataset in opened})
+    _check_pictures(suite, {entry.name: dataset for entry, dataset in opened}, left_out)
     suite.check_groups({scene for _, dataset in opened for scene in dataset.scenes()})
     return opened, absent
 
 
-def _check_pictures(suite: Suite, datasets: Mapping[str, Dataset]) -> None:
+def _check_pictures(suite: Suite, datasets: Mapping[str, Dataset], left_out: Mapping[str, Collection[str]]) -> None:
     for picture in suite.pictures:
-        if picture.dataset not in datasets:  # optional, and not there
+        if picture.dataset not in datasets or is_of(picture.pair, left_out[picture.dataset]):  # optional, not there
             continue
         try:
             datasets[picture.dataset].pair(picture.pair)

@@ -10,10 +10,12 @@ from itertools import product
 import numpy as np
 
 from elf_eval.errors import EvalError
+from elf_eval.spec import Spec
 from elf_runtime.errors import suggestion
 from elf_runtime.params import SETTINGS, setting_value
 
 _MOST = 1000  # values of a range
+_WITH_SETTINGS = ("elf", "sobel", "laplacian", "plugin")  # methods that may take detection settings
 
 
 def parse_grid(items: list[str]) -> dict[str, list[str]]:
@@ -71,7 +73,18 @@ def grid_methods(models: Sequence[str], grid: Mapping[str, Sequence[str]], limit
     """The text of every model with every combination of settings.
 
     The first one is always the first model as it is.  Where there are more than `limit`, so many are drawn by `seed`.
+
+    Raises
+    ------
+    EvalError
+        If there is a grid, and a model is a method of another kind, which has no such settings.
     """
+    kinds = {model: Spec.parse(model).kind for model in models}
+    if grid and (others := [model for model, kind in kinds.items() if kind not in _WITH_SETTINGS]):
+        raise EvalError(
+            f"{others[0]}: --grid is of ELF's settings, which elf:, sobel and laplacian take; another method's own "
+            f"options are models: --model '{kinds[others[0]]}?OPTION=VALUE', or say it by --beside"
+        )
     texts = [models[0]]
     for model in models:
         for values in product(*grid.values()):

@@ -34,8 +34,9 @@ def write_database(
 ) -> dict[tuple[str, str], int]:
     """Write a database that COLMAP and pycolmap open and map.
 
-    Each pair's matches are verified by COLMAP's estimator: an essential matrix where both focal lengths are known, a
-    fundamental matrix otherwise, or a homography.  Descriptors are not written: COLMAP's matchers would take them for
+    Each pair's matches are verified by COLMAP's estimator: by a fundamental matrix; where both focal lengths are known
+    by an essential matrix, unless it explains clearly fewer of them than a fundamental one; or by a homography, where
+    that explains most of what they do.  Descriptors are not written: COLMAP's matchers would take them for
     SIFT's.
 
     Parameters

@@ -54,6 +54,13 @@ def test_few_images_are_placed_where_they_were(found):
     assert "100.0 / 100.0 / 100.0 / 100.0 / 100.0" in page
 
 
+@pytest.mark.parametrize("option", [["--counts", "equal"], ["--count-floor", "9"], ["--eps", "3"]])
+def test_options_of_scores_are_none_of_its_own(option, tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        main(["sfm", "--dataset", f"strecha:{tmp_path}", "--detector", "sift", "--out", str(tmp_path), *option])
+    assert f"unrecognized arguments: {option[0]}" in capsys.readouterr().err
+
+
 def test_images_that_are_not_placed_are_failures(room_folder, tmp_path):
     """With 8 keypoints nothing fits a geometry."""
     command = ["sfm", "--dataset", f"room=strecha:{room_folder}", "--detector", "orb", "--max-keypoints", "8"]

@@ -110,3 +110,11 @@ def test_shared_maps_give_the_same_features(hpatches_folder):
         assert len(a)
         assert all((x == y).all() for x, y in zip(vars(a).values(), vars(b).values(), strict=True))
         assert alone.fingerprint != shared.fingerprint
+
+
+def test_a_grid_is_of_elf_s_settings_alone(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("elf_eval.run.sweep.run", lambda *_, **__: pytest.fail("evaluated"))
+    where = ["--dataset", f"hpatches:{tmp_path}", "--grid", "nms_radius=3/5"]
+    (line,) = error_of(["sweep", "--model", "sobel", "--model", "sift", *where], capsys)
+    assert line.startswith("sift: --grid is of ELF's settings, which elf:, sobel and laplacian take")
+    assert "OpenCV" not in line

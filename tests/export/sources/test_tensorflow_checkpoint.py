@@ -77,3 +77,18 @@ def test_lf_net_by_one_command(layer: str, tmp_path: Path) -> None:
     kernels = [name for name in shapes if name.endswith("conv1.weight")]
     assert kernels
     assert all(np.array_equal(fitted[name], seeded[name].astype(np.float32)) for name in kernels)
+
+
+@pytest.mark.parametrize("ending", ["", ".data-00000-of-00001", ".meta"])
+def test_a_checkpoint_is_named_by_its_index(ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """TensorFlow's own tools take the prefix alone."""
+    index = lfnet_checkpoint(tmp_path)
+    (tmp_path / "models-latest.meta").write_bytes(b"\n\x05graph" * 20)
+    given = tmp_path / f"models-latest{ending}"
+    command = ["--net", "lfnet", "--desc", "none", "--weights", str(given), "-o", str(tmp_path / "o.onnx")]
+    assert export(command) == 1
+    error = capsys.readouterr().err
+    assert error.strip().endswith(f"which is named by its index: {index}")
+    index.unlink()
+    assert export(command) == 1
+    assert "named by its index" not in capsys.readouterr().err

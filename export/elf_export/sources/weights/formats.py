@@ -43,7 +43,7 @@ def read_tensors(path: Path) -> dict[str, Array]:
             head = file.read(HEAD)
         _check_bytes(path, path.stat().st_size)
     except OSError as error:
-        raise WeightsError(f"{path}: {reason(error)}") from error
+        raise WeightsError(f"{path}: {reason(error)}{_name_the_index(path)}") from error
     reader = _reader_for(path, head)
     try:
         tensors = reader(path)
@@ -95,7 +95,13 @@ def _reader_for(path: Path, head: bytes) -> Callable[[Path], dict[str, Array]]:
         return _read_onnx
     what = description(head, path.stat().st_size)
     kinds = "not a .pth, .h5, .keras, .safetensors, .npz, .index or .onnx file"
-    raise WeightsError(f"{path}: {kinds}: it is {what}" if what else f"{path}: {kinds}")
+    raise WeightsError((f"{path}: {kinds}: it is {what}" if what else f"{path}: {kinds}") + _name_the_index(path))
+
+
+def _name_the_index(path: Path) -> str:
+    """What to name instead of a TensorFlow checkpoint's prefix or one of its other files; empty for what is none."""
+    index = path.with_name(re.sub(r"\.(data-\d+-of-\d+|meta)$", "", path.name) + ".index")
+    return f"; it is a TensorFlow checkpoint's, which is named by its index: {index}" if index.is_file() else ""
 
 
 def _read_npz(path: Path) -> dict[str, Array]:
