@@ -74,14 +74,17 @@ class Trace:
 
     @property
     def saliency(self) -> Array:
+        """(h, w) float32: S(I) at the finest scale, as the graph gives it."""
         return self._finest.saliency
 
     @property
     def scores(self) -> Array:
+        """(h, w) float32: the denoised saliency at the finest scale, whose maxima the keypoints are."""
         return self._finest.scores
 
     @property
     def mask(self) -> npt.NDArray[np.bool_]:
+        """(h, w) bool: what passed the threshold (and the user's mask) at the finest scale."""
         return self._finest.mask
 
     @property
