@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import runpy
 from pathlib import Path
 
 import cv2
@@ -52,6 +53,17 @@ def test_a_picture_is_what_the_demo_draws(
     mean, other = difference(demo / drawn, IMAGES / shown)
     assert mean < 3  # 256 colours make 1.5
     assert other == 0, "the title has other numbers"
+
+
+def test_saliencies_of_models_can_be_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = str(ROOT / "runtime" / "elf_runtime" / "models" / "elf-vgg.onnx")
+    monkeypatch.setattr("sys.argv", ["draw_networks.py", *[model] * 4, "--out", str(tmp_path / "networks.png")])
+    runpy.run_path(str(ROOT / "tools" / "draw_networks.py"), run_name="__main__")
+    drawn = cv2.imread(str(tmp_path / "networks.png")).astype(int)
+    height = drawn.shape[0] // 2
+    assert drawn.shape[1] > 4 * 420
+    assert np.ptp(drawn[height + 40 :, :400]) > 200  # the photograph begins the second row
+    assert np.array_equal(drawn[: height - 8, :420], drawn[: height - 8, 430:850])  # two panels of one model
 
 
 def test_other_numbers_in_a_title_are_seen(tmp_path: Path) -> None:
