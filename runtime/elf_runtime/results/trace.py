@@ -74,17 +74,17 @@ class Trace:
 
     @property
     def saliency(self) -> Array:
-        """(h, w) float32: S(I) at the finest scale, as the graph gives it."""
+        """S(I) of the finest level."""
         return self._finest.saliency
 
     @property
     def scores(self) -> Array:
-        """(h, w) float32: the denoised saliency at the finest scale, whose maxima the keypoints are."""
+        """What keypoints are the maxima of, at the finest level."""
         return self._finest.scores
 
     @property
     def mask(self) -> npt.NDArray[np.bool_]:
-        """(h, w) bool: what passed the threshold (and the user's mask) at the finest scale."""
+        """Where the threshold lets keypoints be, at the finest level."""
         return self._finest.mask
 
     @property
