@@ -37,6 +37,7 @@ class Preprocessing:
 
     @property
     def channels(self) -> int:
+        """Of the image: 1 or 3."""
         return 1 if self.color == "gray" else 3
 
     def describe(self) -> str:

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -33,11 +34,12 @@ def test_it_is_stored_without_outputs_and_in_one_form() -> None:
     assert set(notebook["metadata"]) == {"kernelspec", "language_info"}
 
 
-def test_it_runs_from_top_to_bottom() -> None:
+@pytest.mark.parametrize("folder", [NOTEBOOK.parent, ROOT], ids=["its own", "the project's"])
+def test_it_runs_from_top_to_bottom(folder: Path) -> None:
     for module in ("nbclient", "ipykernel"):
         pytest.importorskip(module, reason=f"{module} is not installed: pip install nbclient ipykernel")
     env = {**os.environ, "PYTHONPATH": str(ROOT / "runtime"), "PYDEVD_DISABLE_FILE_VALIDATION": "1"}
-    command = [sys.executable, "-c", RUN, str(NOTEBOOK), str(NOTEBOOK.parent)]
+    command = [sys.executable, "-c", RUN, str(NOTEBOOK), str(folder)]
     done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     outputs = json.loads(done.stdout.splitlines()[-1])

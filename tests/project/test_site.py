@@ -80,6 +80,27 @@ def test_the_api_page_has_every_public_name() -> None:
 
 
 @pytest.mark.parametrize(
+    ("github", "site", "said"),
+    [
+        (
+            "<ul><li>a<pre><code>  x &lt; 1\n</code></pre></li></ul>",
+            "<ul><li>a<p>x &lt; 1</p></li></ul>",
+            "lost code 'x < 1'",
+        ),
+        ("<ul><li>a</li><li>b</li></ul>", "<ul><li>a - b</li></ul>", "1 <li>, not 2"),
+        ("<p>a:</p><ul><li>b</li></ul>", "<p>a: - b</p>", "0 <ul>, not 1"),
+        ("<ul><li>a<ul><li>b</li></ul></li></ul>", "<ul><li>a</li><li>b</li></ul>", "1 <ul>, not 2"),
+        ("<p>a*b*</p>", "<p>a<em>b</em></p>", "1 <em>, not 0"),
+        ("<ul><li>a<p>b</p></li></ul>", "<ul><li>a b</li></ul>", "0 <p>, not 1"),
+        ("<ul><li>a<pre>x</pre></li></ul>", "<ul>\n<li>\n<p>a</p><pre><span>x</span></pre></li></ul>", ""),
+    ],
+)
+def test_a_page_that_the_site_shows_otherwise_than_github_is_told(github: str, site: str, said: str) -> None:
+    found = runpy.run_path(str(ROOT / "tools" / "docs_structure.py"))["differences"](github, site)
+    assert said in found if said else not found
+
+
+@pytest.mark.parametrize(
     ("html", "refused"),
     [
         ('<script src="https://cdn.example.org/a.js"></script>', True),

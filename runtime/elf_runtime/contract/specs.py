@@ -38,6 +38,7 @@ class InputSpec:
     multiple: int = 1
 
     def check(self) -> None:
+        """Raise ValueError on values that no contract may have."""
         if self.color not in ("bgr", "rgb", "gray"):
             raise ValueError(f"color {self.color!r} is not one of bgr, rgb, gray")
         if self.layout != "NHWC" or self.dtype != "float32":
@@ -146,6 +147,7 @@ class DescriptorSpec:
     scale: float = 1.0
 
     def check(self) -> None:
+        """Raise ValueError on values that no contract may have."""
         if not 1 <= self.dim <= LARGEST_SIDE or self.stride <= 0:
             raise ValueError(f"descriptor {self.layer!r} has dim {self.dim} and stride {self.stride}")
         if not self.scale > 0:
@@ -183,6 +185,7 @@ class EndToEndSpec:
     opencv: bool = False
 
     def check(self) -> None:
+        """Raise ValueError on values that no contract may have."""
         if self.pixels not in ("uint8", "float32") or self.color not in ("bgr", "rgb") or self.rounds < 0:
             raise ValueError(f"pixels {self.pixels!r}, color {self.color!r}, {self.rounds} rounds")
 

@@ -74,14 +74,17 @@ class Trace:
 
     @property
     def saliency(self) -> Array:
+        """S(I) of the finest level."""
         return self._finest.saliency
 
     @property
     def scores(self) -> Array:
+        """What keypoints are the maxima of, at the finest level."""
         return self._finest.scores
 
     @property
     def mask(self) -> npt.NDArray[np.bool_]:
+        """Where the threshold lets keypoints be, at the finest level."""
         return self._finest.mask
 
     @property
