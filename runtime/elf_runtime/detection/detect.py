@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from elf_runtime.params import DetectionParams
-from elf_runtime.results.features import Features, window_size
+from elf_runtime.results.features import Features
 from elf_runtime.results.trace import Level, Stopwatch, Trace
 
 from .descriptors import Array, DescriptorMap
 from .grid import cell_of, passing_by_cell
+from .oriented import Oriented
 from .pyramid import Candidates, merged
 from .refine import quadratic_peaks
 from .select import Index, select_keypoints
 from .threshold import blurred, lowest_passing, reaching
-from .upright import UprightPatches
-from .working_image import Levels, WorkingImage
+from .working_image import Levels, WorkingImage, window_sizes
 
 
 @dataclass(frozen=True)
@@ -31,18 +31,15 @@ class Seen:
     saliency : (h, w) float32, >= 0
         Of the image's pixels.
     described : DescriptorMap, optional
-        Without one, and without `upright`, descriptors have no values.
-    upright : UprightPatches, optional
-        What describes the keypoints in place of a map, and gives them orientations.
+        Without one, where keypoints aren't oriented, descriptors have no values.
     """
 
     image: WorkingImage
     saliency: Array
     described: DescriptorMap | None
-    upright: UprightPatches | None = None
 
 
-def detect(seen: Sequence[Seen], params: DetectionParams, watch: Stopwatch) -> Trace:
+def detect(seen: Sequence[Seen], params: DetectionParams, watch: Stopwatch, oriented: Oriented | None = None) -> Trace:
     """Threshold the saliency, keep its maxima, and read their descriptors off the map.
 
     Parameters
@@ -50,25 +47,30 @@ def detect(seen: Sequence[Seen], params: DetectionParams, watch: Stopwatch) -> T
     seen : the image at each working scale, the finest first
     watch : Stopwatch
         Gets the time of each stage.
+    oriented : Oriented, optional
+        What describes the keypoints in place of maps, and gives them sizes and orientations.
     """
     levels, points, scores = zip(*(_maxima(one, params, watch) for one in seen), strict=True)
-    image = seen[0].image
-    if len(seen) == 1:
-        with watch("descriptors"):
-            places, descriptors, angles = _placed(seen[0], levels[0], points[0], params)
-        features = Features(places, scores[0], descriptors, image.scaling.source, params.nms_radius, angles=angles)
-        return Trace(features, levels, watch.seconds)
+    images = tuple(one.image for one in seen)
     with watch("nms"):
-        level, index = _across_scales(seen, points, scores, params)
-        own = [index[level == number] for number in range(len(seen))]
+        level, index = _across_scales(images, points, scores, params)
     with watch("descriptors"):
-        parts = [_placed(*of, points[i][own[i]], params) for i, of in enumerate(zip(seen, levels, strict=True))]
+        own = window_sizes(images, params.nms_radius)
+        parts = []
+        for number, (one, at) in enumerate(zip(seen, levels, strict=True)):
+            kept = index[level == number]
+            where = _placed(one.image, at, points[number][kept], params)
+            if oriented is not None and params.subpixel:
+                where = oriented.centres(number, where, params.border)
+            sizes = np.full(len(where), own[number]) if oriented is None else oriented.sizes(number, where)
+            described = _read(one.described, where) if oriented is None else np.zeros((len(where), 0), np.float32)
+            parts.append((scores[number][kept], one.image.scaling.to_source(where), sizes, described))
         order = np.argsort(np.argsort(level, kind="stable"))  # of what is kept, level by level
-        places, descriptors, angles = (np.concatenate(part)[order] for part in zip(*parts, strict=True))
-    strength = np.concatenate([score[kept] for score, kept in zip(scores, own, strict=True)])[order]
-    scales = np.array([one.image.scaling.scale for one in seen])
-    sizes = (window_size(params.nms_radius, image.scaling.source) * scales[0] / scales[level]).astype(np.float32)
-    features = Features(places, strength, descriptors, image.scaling.source, params.nms_radius, sizes, angles)
+        strength, places, sizes, descriptors = (np.concatenate(part)[order] for part in zip(*parts, strict=True))
+        angles = np.full(len(places), -1, np.float32)
+        if oriented is not None:
+            angles, descriptors = oriented.described(places, sizes, angles)
+    features = Features(places, strength, descriptors, images[0].scaling.source, params.nms_radius, sizes, angles)
     return Trace(features, levels, watch.seconds)
 
 
@@ -95,32 +97,29 @@ def _maxima(seen: Seen, params: DetectionParams, watch: Stopwatch) -> tuple[Leve
 
 
 def _across_scales(
-    seen: Sequence[Seen], points: Sequence[Index], scores: Sequence[Array], params: DetectionParams
+    images: Levels, points: Sequence[Index], scores: Sequence[Array], params: DetectionParams
 ) -> tuple[Index, Index]:
     """The keypoints kept, the strongest first: (K,) the level of each, and its index among that level's."""
+    if len(images) == 1:
+        return np.zeros(len(points[0]), np.int64), np.arange(len(points[0]))
     candidates = []
-    for one, found, strength in zip(seen, points, scores, strict=True):
-        scaling = one.image.scaling
-        cell, cells = cell_of(found, scaling.working, params.grid)
-        candidates.append(Candidates(scaling.to_source(found), strength, scaling.scale, cell, cells))
-    radius = min(params.nms_radius, max(seen[0].image.scaling.source))
+    for image, found, strength in zip(images, points, scores, strict=True):
+        cell, cells = cell_of(found, image.scaling.working, params.grid)
+        candidates.append(Candidates(image.scaling.to_source(found), strength, image.scaling.scale, cell, cells))
+    radius = min(params.nms_radius, max(images[0].scaling.source))
     return merged(candidates, radius, params.max_keypoints)
 
 
-def _placed(seen: Seen, level: Level, found: Index, params: DetectionParams) -> tuple[Array, Array, Array]:
-    """Where a level's keypoints lie in the source image, (N, 2), their descriptors, (N, D), and angles, (N,)."""
-    points = found.astype(np.float32)
-    if params.subpixel:
-        points = seen.image.kept_inside(quadratic_peaks(level.scores, found), found, params.border)
-    angles = np.full(len(points), -1, np.float32)
-    if seen.upright is not None:
-        angles = seen.upright.angles(points)
-        descriptors = seen.upright.at(points, angles)
-    elif seen.described is not None:
-        descriptors = seen.described.at(points)
-    else:
-        descriptors = np.zeros((len(points), 0), np.float32)
-    return seen.image.scaling.to_source(points), descriptors, angles
+def _placed(image: WorkingImage, level: Level, found: Index, params: DetectionParams) -> Array:
+    """(N, 2): where in the working image the maxima found at whole pixels lie."""
+    if not params.subpixel:
+        return found.astype(np.float32)
+    return image.kept_inside(quadratic_peaks(level.scores, found), found, params.border)
+
+
+def _read(described: DescriptorMap | None, points: Array) -> Array:
+    """(N, D) at working pixels."""
+    return np.zeros((len(points), 0), np.float32) if described is None else described.at(points)
 
 
 def nothing_found(images: Levels, dim: int, params: DetectionParams, watch: Stopwatch) -> Trace:

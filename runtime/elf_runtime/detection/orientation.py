@@ -13,7 +13,7 @@ _SMOOTHINGS = 6  # by (1, 2, 1) / 4 each: a standard deviation of 17 degrees
 _BLOCK = 1 << 18  # gradients that are looked at together
 
 
-def orientations(pixels: Array, points: npt.NDArray[np.floating], sigma: float) -> Array:
+def orientations(pixels: Array, points: npt.NDArray[np.floating], sigma: npt.ArrayLike) -> Array:
     """The peak of the histogram of gradient directions around each point (Lowe, IJCV 2004, section 5).
 
     With g the mean of the channels and g_x, g_y its central differences, each pixel within 3 sigma of the point's
@@ -26,7 +26,7 @@ def orientations(pixels: Array, points: npt.NDArray[np.floating], sigma: float) 
     pixels : (h, w, C) float32
     points : (N, 2), (x, y) in pixels
         Those outside the image stand at its edge.
-    sigma : float
+    sigma : float, or (N,) of few different values
         In pixels.
 
     Returns
@@ -34,13 +34,22 @@ def orientations(pixels: Array, points: npt.NDArray[np.floating], sigma: float) 
     (N,) float32
         Degrees in [0, 360), clockwise from the x axis in the image; 0 where nothing has a direction.
     """
-    height, width = pixels.shape[:2]
+    gradients = _gradients(pixels)
+    found = np.empty(len(points), np.float32)
+    sigmas = np.broadcast_to(np.asarray(sigma, np.float64), len(points))
+    for one in np.unique(sigmas):
+        found[sigmas == one] = _of_one_sigma(gradients, points[sigmas == one], float(one))
+    return found
+
+
+def _of_one_sigma(gradients: tuple[Array, Array], points: npt.NDArray[np.floating], sigma: float) -> Array:
+    height, width = gradients[0].shape
     reach = round(3 * sigma)
     offset = np.arange(-reach, reach + 1)
     squares = offset[:, None] ** 2 + offset**2
     weight = np.exp(-squares / (2 * sigma**2)) * (squares <= reach**2)
     # Nothing comes from outside the image.
-    strength, direction = (np.pad(part, reach) for part in _gradients(pixels))
+    strength, direction = (np.pad(part, reach) for part in gradients)
     columns, rows = np.clip(np.rint(points), 0, (width - 1, height - 1)).astype(np.int64).T
     around = (offset[:, None] + reach) * strength.shape[1] + offset + reach
     found = np.empty(len(points), np.float32)

@@ -1,4 +1,4 @@
-"""Descriptors of upright patches: what is around each keypoint, turned by its orientation.
+"""Descriptors of upright patches: what is around each keypoint, turned by its orientation and brought to one size.
 
 The network sees the patches of many keypoints at once, side by side in an image, a sheet.  A patch is about as wide as
 what a cell of the descriptor map sees, so that its neighbours hardly matter.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -19,10 +20,14 @@ from elf_runtime.image.convert import resized
 
 from .descriptors import Array, DescriptorMap
 from .orientation import orientations
+from .scale_space import OCTAVES, ScaleSpace
+
+Wide = npt.NDArray[np.float64]
 
 LEAST_PATCH = 32  # pixels
 _CELLS = 8  # of the descriptor map along a patch: what a cell of the bundled model's sees
 _SHEET = 256  # pixels: the side of a sheet
+WIDEST = 2.0**OCTAVES  # zoom of a patch
 
 
 @dataclass(frozen=True)
@@ -56,8 +61,8 @@ class Sheet:
         x, y = np.meshgrid(centre, centre)
         return cls(patch, (side, side), np.stack([x.ravel(), y.ravel()], axis=1).astype(np.float32))
 
-    def filled(self, pixels: Array, points: Array, angles: Array) -> Iterator[Array]:
-        """Images of `size` with the patches around points, (N, 2), turned by their angles, (N,), in degrees.
+    def filled(self, pixels: Array, points: Array, angles: Array, zooms: Wide) -> Iterator[Array]:
+        """Images of `size` with the patches around points, (N, 2): see `upright_patch`, with (N,) angles and zooms.
 
         Where there are fewer than would fill a sheet, its rest shows the whole image: many networks see an image
         relative to its mean and contrast, and so a descriptor does not depend on how many others there are.
@@ -68,20 +73,21 @@ class Sheet:
         for start in range(0, len(points), len(self.centres)):
             sheet = ground.copy()
             part = slice(start, start + len(self.centres))
-            for centre, point, angle in zip(self.centres, inside[part], angles[part], strict=False):
+            own = zip(self.centres, inside[part], angles[part].tolist(), zooms[part].tolist(), strict=False)
+            for centre, point, angle, zoom in own:
                 left, top = (centre // self.patch).astype(np.int64) * self.patch
-                tile = upright_patch(pixels, point, float(angle), centre - (left, top), self.patch)
+                tile = upright_patch(pixels, point, angle, centre - (left, top), self.patch, zoom)
                 sheet[top : top + self.patch, left : left + self.patch] = tile
             yield sheet
 
 
 def upright_patch(
-    pixels: Array, point: npt.NDArray[np.float64], angle: float, centre: npt.NDArray[np.floating], side: int
+    pixels: Array, point: Wide, angle: float, centre: npt.NDArray[np.floating], side: int, zoom: float = 1.0
 ) -> Array:
     """The (side, side, C) around a point, turned so that the direction `angle` points along x, mirrored at the border.
 
     With R the rotation by the angle, clockwise in the image, pixel q of the patch is the image at
-    point + R (q - centre), interpolated bilinearly.
+    point + zoom R (q - centre), interpolated bilinearly.
 
     Parameters
     ----------
@@ -90,11 +96,13 @@ def upright_patch(
         The same place, in the image and in the patch.
     angle : float
         In degrees.
+    zoom : float
+        Pixels of the image along one of the patch, at most `WIDEST`.
     """
     radians = math.radians(angle)
-    turn = np.array([[math.cos(radians), -math.sin(radians)], [math.sin(radians), math.cos(radians)]])
+    turn = zoom * np.array([[math.cos(radians), -math.sin(radians)], [math.sin(radians), math.cos(radians)]])
     # OpenCV takes images of up to 32767 pixels only; nothing in the patch is as far away as this.
-    reach = 2 * side
+    reach = math.ceil(2 * WIDEST * side)
     x, y = np.maximum(point.astype(np.int64) - reach, 0)
     near = pixels[y : y + 2 * reach, x : x + 2 * reach]
     from_patch = np.column_stack([turn, point - (x, y) - turn @ centre])
@@ -123,16 +131,21 @@ class UprightPatches:
     look: Callable[[Array], DescriptorMap] | None
     dim: int
 
-    def angles(self, points: Array) -> Array:
-        """The orientations, (N,), at working pixels (x, y): of the gradients in an eighth of a patch around them."""
-        return orientations(self.pixels, points, self.sheet.patch / 8)
+    @cached_property
+    def blobs(self) -> ScaleSpace:
+        return ScaleSpace(self.pixels)
 
-    def at(self, points: Array, angles: Array) -> Array:
-        """The descriptors, (N, D), at working pixels (x, y) whose orientations are `angles`, (N,), in degrees."""
+    def angles(self, points: Array, zooms: Wide) -> Array:
+        """The orientations, (N,), at working pixels (x, y): of the gradients in an eighth of a patch around them."""
+        sigmas = self.sheet.patch / 8 * zooms
+        return orientations(self.pixels, points, np.rint(sigmas * 4) / 4)
+
+    def at(self, points: Array, angles: Array, zooms: Wide) -> Array:
+        """The descriptors, (N, D), at working pixels (x, y) of the patches of (N,) angles, in degrees, and zooms."""
         found = np.zeros((len(points), self.dim), np.float32)
         if self.look is not None:
             count = len(self.sheet.centres)
-            for number, sheet in enumerate(self.sheet.filled(self.pixels, points, angles)):
+            for number, sheet in enumerate(self.sheet.filled(self.pixels, points, angles, zooms)):
                 rows = found[number * count : (number + 1) * count]
                 rows[...] = self.look(sheet).at(self.sheet.centres[: len(rows)])
         return found

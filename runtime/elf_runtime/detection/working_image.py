@@ -54,8 +54,8 @@ class WorkingImage:
         columns, rows = self.scaling.source_pixels(np.stack([np.arange(max(h, w))] * 2, axis=1)).T
         return np.asarray(self.mask[rows[:h, None], columns[:w]])
 
-    def kept_inside(self, refined: Array, found: npt.NDArray[np.int64], border: int) -> Array:
-        """The refined points, those that would leave what border and mask allow back at their whole pixels.
+    def kept_inside(self, refined: Array, found: npt.NDArray[np.number], border: int) -> Array:
+        """The refined points, those that would leave what border and mask allow back where they were found.
 
         Parameters
         ----------
@@ -135,10 +135,14 @@ def prepare(
 
 def nearest_level(sizes: npt.ArrayLike, levels: Levels, nms_radius: int) -> npt.NDArray[np.int64]:
     """The number of the level, (N,), whose keypoints have the size nearest, by ratio, to each of `sizes`, (N,)."""
-    scales = np.array([image.scaling.scale for image in levels])
-    own = window_size(nms_radius, levels[0].scaling.source) * scales[0] / scales
     given = np.maximum(np.asarray(sizes, np.float64), np.finfo(np.float32).tiny)
-    return np.asarray(np.abs(np.log(given[:, None] / own)).argmin(axis=1))
+    return np.asarray(np.abs(np.log(given[:, None] / window_sizes(levels, nms_radius))).argmin(axis=1))
+
+
+def window_sizes(levels: Levels, nms_radius: int) -> npt.NDArray[np.float64]:
+    """The size, in source pixels, that each level's own keypoints have: see `Features.sizes`."""
+    scales = np.array([image.scaling.scale for image in levels])
+    return np.asarray(window_size(nms_radius, levels[0].scaling.source) * scales[0] / scales, np.float64)
 
 
 def check_least(size: tuple[int, int], spec: InputSpec) -> None:

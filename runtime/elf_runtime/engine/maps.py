@@ -13,6 +13,7 @@ import numpy.typing as npt
 from elf_runtime.contract import DescriptorSpec, ModelContract
 from elf_runtime.detection.descriptors import Array, DescriptorMap, as_points
 from elf_runtime.detection.detect import Seen, detect, nothing_found
+from elf_runtime.detection.oriented import Oriented
 from elf_runtime.detection.upright import Sheet, UprightPatches
 from elf_runtime.detection.working_image import Levels, WorkingImage, nearest_level, prepare
 from elf_runtime.model.network import Network
@@ -60,34 +61,26 @@ class Maps:
         for levels in group:
             if levels[0].textured:
                 i = next(order)
-                seen = [self._seen(image, maps, i, params, spec) for image, maps in zip(levels, outputs, strict=True)]
-                yield detect(seen, params, watch)
+                seen = [self._seen(image, maps, i, mapped) for image, maps in zip(levels, outputs, strict=True)]
+                yield detect(seen, params, watch, self._oriented(levels, params, spec) if params.oriented else None)
             else:
                 yield nothing_found(levels, spec.dim if spec else 0, params, watch)
 
-    def _seen(
-        self,
-        image: WorkingImage,
-        maps: Mapping[str, Array],
-        index: int,
-        params: DetectionParams,
-        spec: DescriptorSpec | None,
-    ) -> Seen:
+    def _seen(self, image: WorkingImage, maps: Mapping[str, Array], index: int, spec: DescriptorSpec | None) -> Seen:
         """An image with its part of what the network gives for a batch."""
-        saliency = maps[self.contract.saliency_output][index]
-        if params.oriented:
-            return Seen(image, saliency, None, self._upright(image, spec))
         described = DescriptorMap(maps[spec.output][index], spec, self._network.name) if spec else None
-        return Seen(image, saliency, described)
+        return Seen(image, maps[self.contract.saliency_output][index], described)
 
     def _map(self, pixels: Array, spec: DescriptorSpec, levels: int = 1) -> DescriptorMap:
         """The descriptor map of one image, which is one of `levels`."""
         maps = self._network.run([pixels], spec, saliency=False, levels=levels)
         return DescriptorMap(maps[spec.output][0], spec, self._network.name)
 
-    def _upright(self, image: WorkingImage, spec: DescriptorSpec | None) -> UprightPatches:
+    def _oriented(self, levels: Levels, params: DetectionParams, spec: DescriptorSpec | None) -> Oriented:
         look = None if spec is None else partial(self._map, spec=spec)
-        return UprightPatches(image.pixels, Sheet.of(self.contract.input, spec), look, spec.dim if spec else 0)
+        sheet, dim = Sheet.of(self.contract.input, spec), spec.dim if spec else 0
+        patches = [UprightPatches(image.pixels, sheet, look, dim) for image in levels]
+        return Oriented(levels, patches, params.nms_radius)
 
     def saliency(self, image: Levels) -> Array:
         """The saliency map of the finest level, at the size of the source image."""
@@ -103,22 +96,21 @@ class Maps:
     def described(self, levels: Levels, points: Any, params: DetectionParams, spec: DescriptorSpec) -> Array:
         """Descriptors at points, each at its own working scale where there are several: see `ElfRuntime.describe`."""
         where = as_points(points)
-        found = np.zeros((len(where), spec.dim), np.float32)
-        level, angles = np.zeros(len(where), np.int64), np.full(len(where), -1.0)
-        if len(where) and hasattr(points[0], "pt"):
-            angles = np.array([point.angle for point in points])
-            level = nearest_level([point.size for point in points], levels, params.nms_radius)
+        count = len(where)
+        sizes, angles = np.zeros(count, np.float32), np.full(count, -1, np.float32)
+        if count and hasattr(points[0], "pt"):
+            sizes, angles = np.array([(point.size, point.angle) for point in points], np.float32).T
+        if params.oriented:
+            oriented = self._oriented(levels, params, spec)
+            found = oriented.sizes(0, levels[0].scaling.to_working(where))
+            return oriented.described(where, np.where(sizes > 0, sizes, found), np.where(angles >= 0, angles, -1))[1]
+        descriptors = np.zeros((count, spec.dim), np.float32)
+        level = np.where(sizes > 0, nearest_level(sizes, levels, params.nms_radius), 0)
         for number in np.unique(level):
             working, own = levels[number], level == number
             places = working.scaling.to_working(where[own])
-            if params.oriented:
-                upright = self._upright(working, spec)
-                given = np.isfinite(angles[own]) & (angles[own] >= 0)
-                turned = np.where(given, angles[own], upright.angles(places))
-                found[own] = upright.at(places, turned)
-            else:
-                found[own] = self._map(working.pixels, spec, len(levels)).at(places)
-        return found
+            descriptors[own] = self._map(working.pixels, spec, len(levels)).at(places)
+        return descriptors
 
     def expect(self, levels: Levels, params: DetectionParams) -> None:
         """Open the sessions of images such as this one, which are to come."""

@@ -54,6 +54,13 @@ def test_the_plain_loop_s(sigma: float, channels: int, monkeypatch: pytest.Monke
     np.testing.assert_array_less(difference(orientations(pixels, points + 0.4, sigma), expected), 1e-2)
 
 
+def test_points_of_different_sigmas() -> None:
+    pixels = textured(40, 60).astype(np.float32)
+    points, sigmas = np.array([(30, 20), (12, 9), (44, 30), (7, 33)]), np.array([4.0, 2.25, 4.0, 5.5])
+    alone = [orientations(pixels, point[None], sigma)[0] for point, sigma in zip(points, sigmas, strict=True)]
+    np.testing.assert_array_equal(orientations(pixels, points, sigmas), alone)
+
+
 @pytest.mark.parametrize("degrees", [0, 10, 45, 90, 133, 180, 271, 355])
 def test_a_ramp_points_uphill(degrees: int) -> None:
     y, x = np.mgrid[:40, :50]

@@ -17,7 +17,9 @@ PIXELS = textured(60, 80).astype(np.float32)
 SPEC = DescriptorSpec("desc", "layer", 3, 4.0, 1.5)
 
 
-def by_loop(pixels: np.ndarray, point: tuple[float, float], angle: float, centre: tuple[float, float]) -> np.ndarray:
+def by_loop(
+    pixels: np.ndarray, point: tuple[float, float], angle: float, centre: tuple[float, float], zoom: float
+) -> np.ndarray:
     """A patch of 16x16, pixel by pixel, by bilinear interpolation in the mirrored image."""
     margin = 50
     framed = np.pad(pixels.astype(np.float64), ((margin, margin), (margin, margin), (0, 0)), mode="reflect")
@@ -25,7 +27,7 @@ def by_loop(pixels: np.ndarray, point: tuple[float, float], angle: float, centre
     found = np.zeros((16, 16, pixels.shape[2]))
     for v in range(16):
         for u in range(16):
-            dx, dy = u - centre[0], v - centre[1]
+            dx, dy = zoom * (u - centre[0]), zoom * (v - centre[1])
             x, y = point[0] + c * dx - s * dy + margin, point[1] + s * dx + c * dy + margin
             i, j = math.floor(x), math.floor(y)
             fx, fy = x - i, y - j
@@ -38,10 +40,11 @@ def by_loop(pixels: np.ndarray, point: tuple[float, float], angle: float, centre
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("point", [(40.25, 30.5), (2.0, 1.0), (79.0, 59.0), (0.5, 40.0)])
 @pytest.mark.parametrize("angle", [0.0, 30.0, 135.5, 270.0])
-def test_a_patch_is_the_plain_loop_s(point: tuple[float, float], angle: float, channels: int) -> None:
+@pytest.mark.parametrize("zoom", [0.5, 1.0, 1.7, 2.0])
+def test_a_patch_is_the_plain_loop_s(point: tuple[float, float], zoom: float, angle: float, channels: int) -> None:
     pixels, centre = PIXELS[..., :channels], (9.0, 7.5)
-    found = upright_patch(np.ascontiguousarray(pixels), np.array(point), angle, np.array(centre), 16)
-    expected = by_loop(pixels, point, angle, centre)
+    found = upright_patch(np.ascontiguousarray(pixels), np.array(point), angle, np.array(centre), 16, zoom)
+    expected = by_loop(pixels, point, angle, centre, zoom)
     steepest = max(np.abs(np.diff(pixels, axis=axis)).max() for axis in (0, 1))
     assert found.shape == expected.shape
     assert np.abs(found - expected).max() < steepest / 16  # OpenCV rounds places to 1/32 of a pixel, along x and y
@@ -91,14 +94,16 @@ def test_a_sheet_has_the_patches_in_order_and_else_the_image() -> None:
     sheet = Sheet.of(InputSpec(), SPEC)
     rng = np.random.default_rng(0)
     points, angles = rng.uniform(0, 60, (70, 2)).astype(np.float32), rng.uniform(0, 360, 70).astype(np.float32)
-    first, second = sheet.filled(PIXELS, points, angles)
+    zooms = rng.uniform(0.5, 2, 70)
+    first, second = sheet.filled(PIXELS, points, angles, zooms)
     assert first.shape == second.shape == (256, 256, 3)
     for picture, number in ((first, 11), (second, 64 + 3)):
         row, column = divmod(number % 64, 8)
         centre = sheet.centres[number % 64] - 32 * np.array([column, row])
-        patch = upright_patch(PIXELS, points[number].astype(np.float64), float(angles[number]), centre, 32)
+        point, angle = points[number].astype(np.float64), float(angles[number])
+        patch = upright_patch(PIXELS, point, angle, centre, 32, zooms[number])
         np.testing.assert_array_equal(picture[32 * row : 32 * row + 32, 32 * column : 32 * column + 32], patch)
-    (blank,) = sheet.filled(PIXELS, points[:1], angles[:1])
+    (blank,) = sheet.filled(PIXELS, points[:1], angles[:1], zooms[:1])
     np.testing.assert_array_equal(second[32:], blank[32:])
     np.testing.assert_allclose(blank.mean(), PIXELS.mean(), rtol=0.02)
 
@@ -111,5 +116,6 @@ def test_descriptors_are_read_at_the_keypoints_whatever_the_number_of_sheets() -
     points = np.random.default_rng(0).integers(0, (80, 60), (150, 2)).astype(np.float32)
     colours = PIXELS[points[:, 1].astype(int), points[:, 0].astype(int)]
     expected = colours / np.linalg.norm(colours, axis=1, keepdims=True)
-    np.testing.assert_allclose(patches.at(points, patches.angles(points)), expected, atol=1e-5)
-    assert patches.at(points[:0], points[:0, 0]).shape == (0, 3)
+    zooms = np.random.default_rng(1).uniform(0.5, 2, 150)
+    np.testing.assert_allclose(patches.at(points, patches.angles(points, zooms), zooms), expected, atol=1e-5)
+    assert patches.at(points[:0], points[:0, 0], zooms[:0]).shape == (0, 3)
