@@ -75,9 +75,11 @@ class DetectionParams:
         Longest side of the working image, in pixels: where an image is larger at `scale`, or at the largest of
         `scales`, it is seen at smaller ones, all by the same factor.  Time and memory of the network end there.
     oriented : bool
-        Give each keypoint an orientation, and describe what is around it turned upright by that: for images that are
-        turned in their plane.  The network then looks at a patch for each keypoint (see `upright`), which takes most of
-        the time unless images are large.  Not for a model of one size only.
+        Give each keypoint an orientation and a size of its own, and describe what is around it turned upright and
+        brought to that size: for images that are turned in their plane, and with several `scales` of different zoom.
+        With `subpixel` it lies in the middle of what it is on (see `scale_space`).  The network then looks at a patch
+        for each keypoint (see `upright`), which takes most of the time unless images are large.  Not for a model of one
+        size only.
     quantize : bool
         Round the normalised saliency to 8 bits before the blurs, as the paper does.
     normalize : float

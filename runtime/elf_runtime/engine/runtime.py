@@ -220,7 +220,7 @@ class ElfRuntime(OpenedModel):
             As in `detect`; of the preset or `params` only its scale matters, and whether it is oriented.  Where it has
             several, a cv2.KeyPoint is described at the one whose keypoints have the size nearest to its own, by ratio
             (see `Features.sizes`), and (x, y) at the finest.  If oriented, a cv2.KeyPoint with an angle is turned by
-            that, others by what `detect` would give them.
+            that, and one with a size is as large; others by and as what `detect` would give them at the finest.
 
         Returns
         -------

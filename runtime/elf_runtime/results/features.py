@@ -47,7 +47,7 @@ class Features:
         In pixels of the source image.
     sizes : (N,) float32
         Diameter of a keypoint's neighbourhood in pixels of the source image: its suppression window, 2 nms_radius + 1,
-        times the finest working scale over its own.
+        times the finest working scale over its own.  If oriented, times up to 2 or down to 1/2, by what lies under it.
     angles : (N,) float32
         Orientation in degrees from 0 to below 360, clockwise from the x axis in the image, as in OpenCV; -1 is none.
     record : mapping, optional
