@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from elf_runtime.errors import SettingError
-from elf_runtime.extraction.frames import Still
+from elf_runtime.extraction.frames import Frame, Still
 from elf_runtime.extraction.ray_engine import SHARD_SIZE, plan, ray_session, run_tasks, workers_for
-from elf_runtime.extraction.remote import Remote, remote_images
+from elf_runtime.extraction.remote import remote_images
 from elf_runtime.extraction.shard_worker import Job
 from elf_runtime.extraction.shards import contents, without
 from elf_runtime.extraction.store import Store, is_url, needed
@@ -130,12 +130,12 @@ def _check(args: argparse.Namespace) -> None:
     )
 
 
-def _frames(args: argparse.Namespace) -> list[Still | Remote]:
+def _frames(args: argparse.Namespace) -> list[Frame]:
     """The images that the command line names, sorted by their names among the results."""
     base_url = is_url(args.base)
-    found: list[Still | Remote] = [*_local(args, None if base_url else args.base)]
+    found: list[Frame] = [*_local(args, None if base_url else args.base)]
     found += _remote(args, args.base if base_url else None)
-    frames: dict[str, Still | Remote] = {}
+    frames: dict[str, Frame] = {}
     for frame in found:
         name = frame.stem.as_posix()
         if frames.setdefault(name, frame).name != frame.name:
@@ -151,7 +151,7 @@ def _local(args: argparse.Namespace, base: Path | None) -> Iterator[Still]:
         yield Still(Path(os.path.abspath(path)), name.with_name(path.name))
 
 
-def _remote(args: argparse.Namespace, base: str | None) -> Iterator[Remote]:
+def _remote(args: argparse.Namespace, base: str | None) -> Iterator[Frame]:
     for url in filter(is_url, args.images):
         found = remote_images(url, args.recursive, IMAGE_SUFFIXES, base)
         if not found:

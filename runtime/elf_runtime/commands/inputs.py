@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
+from elf_runtime.files.listing import Listing, files_in, is_file_or_lost, shut_on_the_way
 from elf_runtime.files.write import real
 from elf_runtime.image.video import VIDEO_SUFFIXES
 from elf_runtime.results.features import load_record
@@ -35,7 +36,8 @@ def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | 
     base : Path, optional
         See below.
 
-    A file that is named stays in the list even if it does not exist, so that its error stops no other.
+    A file that is named stays in the list even if it does not exist, so that its error stops no other; so do links that
+    lead nowhere, and folders that can't be listed, whose opening says why.
 
     Returns
     -------
@@ -54,20 +56,19 @@ def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | 
     for argument in arguments:
         path = Path(argument)
         if path.is_dir():
-            entries = path.rglob("*") if recursive else path.iterdir()
-            shown = (p for p in entries if not any(part.startswith(".") for part in p.relative_to(path).parts))
-            images = (p for p in shown if p.suffix.lower() in IMAGE_SUFFIXES and p.is_file())
-            inside = sorted(p for p in images if not is_written(p))
+            images = images_in(path, recursive)
+            inside = sorted([*images.files, *images.shut])
             if not inside:
                 place = " or below it" if recursive else "; --recursive looks below it too"
                 raise UsageError(f"{argument}: no images ({', '.join(sorted(IMAGE_SUFFIXES))}) in this folder{place}")
             found += [(p, path) for p in inside]
         elif not os.path.lexists(path) and glob.has_magic(argument):
             # The shell has not expanded it: it was quoted, or the shell is Windows' own.
-            matches = sorted(Path(p) for p in glob.glob(argument, recursive=True))
+            matches = [p for p in map(Path, glob.glob(argument, recursive=True)) if is_file_or_lost(p)]
+            matches += shut_on_the_way(argument)
             if not matches:
                 raise UsageError(f"{argument}: no file matches")
-            found += [(p, p.parent) for p in matches if p.is_file()]
+            found += [(p, p.parent) for p in sorted(matches)]
         else:
             found.append((path, path.parent))
     names: dict[Path, Path] = {}
@@ -77,6 +78,12 @@ def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | 
             seen.add(os.path.abspath(path))
             names[path] = _name(path, folder, base)
     return names
+
+
+def images_in(folder: Path, recursive: bool) -> Listing:
+    """The image files of a folder, but for pictures that elf-detect wrote."""
+    found = files_in(folder, recursive, IMAGE_SUFFIXES)
+    return Listing([path for path in found.files if not is_written(path)], found.shut)
 
 
 def video_files(arguments: Sequence[str], base: Path | None = None) -> dict[Path, Path]:
@@ -108,13 +115,19 @@ def _name(path: Path, folder: Path, base: Path | None) -> Path:
 
 
 def _without_ending(name: Path, path: Path) -> Path:
-    """`name` without its ending, unless another image of its folder differs in the ending only."""
+    """`name` without its ending, unless another image of its folder would have that name too."""
     try:
         kind = VIDEO_SUFFIXES if path.suffix.lower() in VIDEO_SUFFIXES else IMAGE_SUFFIXES | _OTHER_SUFFIXES
         stems = _stems(path.parent, os.stat(path.parent).st_mtime_ns, kind)
     except OSError:  # the image has an error of its own
         return name.with_suffix("")
-    return name if stems[path.stem] > 1 else name.with_suffix("")
+    return name if _keeps_ending(path, stems) else name.with_suffix("")
+
+
+def _keeps_ending(path: Path, stems: Counter[str]) -> bool:
+    """Whether another image differs in its ending only, or keeps its own and is called as this one is without."""
+    other = path.with_suffix("")
+    return stems[path.stem] > 1 or (bool(other.suffix) and other.is_file() and _keeps_ending(other, stems))
 
 
 def settled(path: Path, name: Path, output: Path) -> Path:

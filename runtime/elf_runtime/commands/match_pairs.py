@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
 
-from elf_runtime.errors import reason, suggestion
+from elf_runtime.errors import ElfError, reason, suggestion
 from elf_runtime.files.kind import open_regular
+from elf_runtime.files.listing import Listing, files_in
 
 from .command import UsageError
-from .inputs import image_files, is_written
+from .inputs import image_files, images_in, is_written
 
 FEATURE_SUFFIX = ".npz"
 Pairs = list[tuple[int, int]]
@@ -74,6 +75,8 @@ class Plan:
         Whether two images were given, not a folder.
     query : bool
         Whether the first one is held against the others, and these not against each other.
+    shut : mapping
+        Folders below the folder that can't be listed -> why.
     """
 
     paths: list[Path]
@@ -82,6 +85,7 @@ class Plan:
     nearest: int = 0
     single: bool = False
     query: bool = False
+    shut: Mapping[Path, str] = field(default_factory=dict)
 
 
 def plan(first: str, second: str | None, choice: Choice | None, recursive: bool) -> Plan:
@@ -92,6 +96,8 @@ def plan(first: str, second: str | None, choice: Choice | None, recursive: bool)
     UsageError
         If there is nothing to pair, an option does not go with what is given, or a list of pairs has what is not
         there.
+    ElfError
+        If there is nothing to pair because folders can't be listed.
     """
     a = Path(first)
     if second is None:
@@ -113,46 +119,53 @@ def _of_folder(folder: Path, choice: Choice, recursive: bool) -> Plan:
         paths = list(dict.fromkeys(path for pair in listed for path in pair))
         place = {path: index for index, path in enumerate(paths)}
         return Plan(paths, _names(paths, folder), [(place[one], place[two]) for one, two in listed])
-    paths = members(folder, recursive)
+    found = members(folder, recursive)
+    paths, shut = found.files, found.shut
     if len(paths) < 2:
+        _refuse_shut(shut)
         raise UsageError(f"{folder}: there is one image in this folder, {paths[0].name}, and nothing to match it with")
     names = _names(paths, folder)
     if choice.kind == "nearest":
-        return Plan(paths, names, None, choice.count)
+        return Plan(paths, names, None, choice.count, shut=shut)
     reach = choice.count if choice.kind == "sequential" else len(paths)
-    return Plan(paths, names, [(i, j) for i, j in combinations(range(len(paths)), 2) if j - i <= reach])
+    return Plan(paths, names, [(i, j) for i, j in combinations(range(len(paths)), 2) if j - i <= reach], shut=shut)
 
 
 def _against_folder(image: Path, folder: Path, choice: Choice, recursive: bool) -> Plan:
     if choice.kind not in ("exhaustive", "nearest"):
         raise UsageError("one image against a folder takes --pairs nearest:N or none")
     own = os.path.realpath(image)
-    others = [path for path in members(folder, recursive) if os.path.realpath(path) != own]
+    found = members(folder, recursive)
+    others = [path for path in found.files if os.path.realpath(path) != own]
     if not others:
+        _refuse_shut(found.shut)
         raise UsageError(f"{folder}: there is no other image in this folder than {image}")
     paths, names = [image, *others], [image.name, *_names(others, folder)]
     if choice.kind == "nearest":
-        return Plan(paths, names, None, choice.count, query=True)
-    return Plan(paths, names, [(0, j) for j in range(1, len(paths))], query=True)
+        return Plan(paths, names, None, choice.count, query=True, shut=found.shut)
+    return Plan(paths, names, [(0, j) for j in range(1, len(paths))], query=True, shut=found.shut)
 
 
-def members(folder: Path, recursive: bool) -> list[Path]:
+def _refuse_shut(shut: Mapping[Path, str]) -> None:
+    for folder, why in shut.items():
+        raise ElfError(f"{folder}: {why}")
+
+
+def members(folder: Path, recursive: bool) -> Listing:
     """The image files of a folder, as `image_files`, or the feature files of one without images, in natural order.
 
     Raises
     ------
     UsageError
-        If it has neither.
+        If it has neither, though all of it can be listed.
     """
-    try:
-        found = list(image_files([str(folder)], recursive))
-    except UsageError:
-        entries = folder.rglob("*") if recursive else folder.iterdir()
-        shown = (p for p in entries if not any(part.startswith(".") for part in p.relative_to(folder).parts))
-        found = [path for path in shown if path.suffix == FEATURE_SUFFIX and path.is_file()]
-        if not found:
-            raise
-    return sorted(found, key=natural)
+    found = images_in(folder, recursive)
+    if not found.files:
+        results = files_in(folder, recursive, (FEATURE_SUFFIX,))
+        found = results if results.files else found
+    if not found.files and not found.shut:
+        image_files([str(folder)], recursive)  # says what is missing
+    return Listing(sorted(found.files, key=natural), found.shut)
 
 
 def natural(path: Path) -> tuple[list[tuple[int, str]], str]:

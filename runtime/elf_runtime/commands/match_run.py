@@ -67,12 +67,15 @@ class Run:
         failed = [i for i in range(len(self._plan.paths)) if self._views.has_failed(i)]
         for i in failed:
             self._report(self._views.about(i)["error"])
+        shut = [{"image": str(folder), "error": f"{folder}: {why}"} for folder, why in self._plan.shut.items()]
+        for folder in shut:
+            self._report(folder["error"])
         self._progress.close(self._summary(pairs, time.perf_counter() - start))
         if self._args.json:
-            images = [self._views.about(i) for i in range(len(self._plan.paths))]
+            images = [*(self._views.about(i) for i in range(len(self._plan.paths))), *shut]
             origin = {**self._views.origin, "pairs_by": self._args.pairs or "exhaustive", **self._settings}
             command.write_json(self._args.json, {"images": images, **origin, "pairs": pairs})
-        return command.FAILED if failed or any("error" in pair for pair in pairs) else 0
+        return command.FAILED if failed or shut or any("error" in pair for pair in pairs) else 0
 
     def _counting(self, unit: str, total: int) -> Progress:
         return Progress("elf-match", unit, total, self._stream, self._args.quiet)
@@ -92,7 +95,8 @@ class Run:
         if failed := sum("error" in pair for pair in pairs):
             parts.append(f"{failed} failed")
         elif self._said:
-            parts.append(f"{len(self._said)} of the images left out")
+            what = "images and folders" if self._plan.shut else "images"
+            parts.append(f"{len(self._said)} of the {what} left out")
         errors = [] if self._args.quiet else self._said
         return "\n".join([", ".join(parts) + (":" if errors else ""), *(f"  {error}" for error in errors)])
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from elf_runtime.engine import ElfRuntime
 from elf_runtime.errors import ElfError, SettingError, printable
+from elf_runtime.files.listing import Listing, files_in
 from elf_runtime.image.file import image_errors
 from elf_runtime.view.page import is_page, write_page
 from elf_runtime.view.results import of_result
@@ -17,7 +18,7 @@ from elf_runtime.view.shown import Shown, detected
 
 from . import command, options
 from .command import UsageError
-from .inputs import image_files
+from .inputs import image_files, images_in
 from .outputs import check_outputs
 from .parser import Parser, new_parser
 from .progress import Progress
@@ -92,11 +93,11 @@ def _work(args: argparse.Namespace) -> int:
 
 def _inputs(folder: Path, args: argparse.Namespace) -> tuple[list[Path], bool]:
     """The images of the folder, or, where it has none, the results in and below it; and whether they are results."""
-    try:
-        return list(image_files([str(folder)], args.recursive)), False
-    except UsageError as error:
-        found = sorted(path for path in folder.rglob("*.npz") if not _is_hidden(path.relative_to(folder)))
-        if not found:
+    results = Listing() if images_in(folder, args.recursive).files else files_in(folder, True, (".npz",))
+    if not results.files:
+        try:
+            return list(image_files([str(folder)], args.recursive)), False
+        except UsageError as error:
             raise UsageError(f"{error}, and no results of elf-detect (.npz)") from error
     if args.mask is not None:
         raise UsageError(f"{folder} has results, which are shown as they were made: leave out --mask")
@@ -105,11 +106,7 @@ def _inputs(folder: Path, args: argparse.Namespace) -> tuple[list[Path], bool]:
         raise UsageError(
             f"{folder} has results, whose settings are those that they were made with: leave out {given[0]}"
         )
-    return found, True
-
-
-def _is_hidden(path: Path) -> bool:
-    return any(part.startswith(".") for part in path.parts)
+    return sorted([*results.files, *results.shut]), True
 
 
 def _check_output(output: Path, paths: Sequence[Path]) -> None:

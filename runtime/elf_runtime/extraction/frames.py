@@ -122,7 +122,7 @@ class VideoFrame:
 
 @dataclass(frozen=True)
 class Unreadable:
-    """What stands for a video that gives no more frames, so that it is reported as an image is."""
+    """A video that gives no more frames, or a folder that can't be listed, so that it is reported as an image is."""
 
     name: str
     stem: Path

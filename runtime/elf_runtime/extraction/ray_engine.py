@@ -19,8 +19,7 @@ from typing import Any
 import elf_runtime
 from elf_runtime.errors import ElfError, SettingError, first_line
 
-from .frames import Still
-from .remote import Remote
+from .frames import Frame
 from .shard_worker import Job, ShardWorker, Task
 from .shards import digest
 from .store import Store, needed
@@ -32,7 +31,7 @@ QUIET = {"RAY_USAGE_STATS_ENABLED": "0"}
 
 
 def plan(
-    frames: Sequence[Still | Remote],
+    frames: Sequence[Frame],
     record: Mapping[str, Any],
     store: Store,
     ending: str,

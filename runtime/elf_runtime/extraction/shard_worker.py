@@ -24,10 +24,9 @@ from elf_runtime.errors import ElfError
 from elf_runtime.params import DetectionParams
 from elf_runtime.results.features import Features
 
-from .frames import Opened, Still
+from .frames import Frame, Opened
 from .outcome import detected, failure, record_of_image
 from .overlap import overlapped
-from .remote import Remote
 from .shards import digest, write_shard
 from .store import Store
 
@@ -63,7 +62,7 @@ class Task:
     """
 
     shard: str
-    frames: Sequence[Still | Remote]
+    frames: Sequence[Frame]
     known: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
 
@@ -94,10 +93,10 @@ def work(job: Job, task: Task) -> dict[str, Any]:
     return {"results": results, "deaths": notes.deaths}
 
 
-def _opened(job: Job, task: Task, notes: _Notes) -> Iterator[tuple[Still | Remote, Opened | ElfError]]:
+def _opened(job: Job, task: Task, notes: _Notes) -> Iterator[tuple[Frame, Opened | ElfError]]:
     """The images in their order, several of them fetched ahead; with an error those that can't be read or kill."""
 
-    def fetch(frame: Still | Remote) -> Opened | ElfError:
+    def fetch(frame: Frame) -> Opened | ElfError:
         name = frame.stem.as_posix()
         if notes.killed(name) >= MOST_DEATHS:
             return ElfError(f"{frame.name}: {MOST_DEATHS} workers died of it; out of memory, perhaps")
@@ -111,9 +110,7 @@ def _opened(job: Job, task: Task, notes: _Notes) -> Iterator[tuple[Still | Remot
     return overlapped(fetch, task.frames, 1 if notes.deaths else READERS)
 
 
-def _result(
-    job: Job, task: Task, frame: Still | Remote, image: Opened | ElfError, rows: dict[str, Features]
-) -> dict[str, Any]:
+def _result(job: Job, task: Task, frame: Frame, image: Opened | ElfError, rows: dict[str, Features]) -> dict[str, Any]:
     """What became of an image, whose features come into `rows`."""
     name = frame.stem.as_posix()
     try:

@@ -105,7 +105,7 @@ class Store:
         """Take a local file in as `name`, whole or not at all, in place of what is there."""
         with storage_errors(self.url(name)):
             self.system.makedirs(self.path, exist_ok=True)
-            if self._is_object_store:
+            if is_object_store(self.system):
                 self.system.put_file(str(file), f"{self.path}/{name}")
                 return
             part = f"{self.path}/.{name}.{secrets.token_hex(8)}.part"
@@ -149,7 +149,7 @@ class Store:
     @contextmanager
     def fetched(self, name: str) -> Iterator[Path]:
         """A file as a local one, a copy where it is not."""
-        if "file" in _protocols(self.system):
+        if "file" in protocols(self.system):
             yield Path(self.path, name)
             return
         with tempfile.TemporaryDirectory(prefix="elf-") as folder:
@@ -157,11 +157,12 @@ class Store:
                 self.system.get_file(f"{self.path}/{name}", f"{folder}/{name}")
             yield Path(folder, name)
 
-    @property
-    def _is_object_store(self) -> bool:
-        return not OBJECT_STORES.isdisjoint(_protocols(self.system))
+
+def is_object_store(system: Any) -> bool:
+    return not OBJECT_STORES.isdisjoint(protocols(system))
 
 
-def _protocols(system: Any) -> tuple[str, ...]:
+def protocols(system: Any) -> tuple[str, ...]:
+    """The schemes of its URLs."""
     names = system.protocol
     return (names,) if isinstance(names, str) else tuple(names)

@@ -93,6 +93,7 @@ def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
         raise OSError("embedded null byte in the name")
     mode = os.stat(path).st_mode
     if stat.S_ISDIR(mode):
+        os.scandir(path).close()  # one that can't be listed says why, for it may stand for the files in it
         raise OSError("not a file but a folder")
     if not stat.S_ISREG(mode):
         kinds = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}

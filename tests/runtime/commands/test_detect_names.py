@@ -73,6 +73,19 @@ def test_images_that_differ_in_their_ending_only(tmp_path: Path) -> None:
         assert results(tmp_path / "beside") == {"3.npz"}
 
 
+def test_a_name_without_its_ending_that_is_another_images_name(tmp_path: Path) -> None:
+    names = ["a.jpg", "a.png", "a.png.jpg", "a.png.jpg.jpg", "b.png.jpg", "b.png"]
+    for seed, name in enumerate(names):
+        write(tmp_path / "in" / name, seed)
+    wanted = {"a.jpg.npz", "a.png.npz", "a.png.jpg.npz", "a.png.jpg.jpg.npz", "b.npz", "b.png.npz"}
+    assert detect(tmp_path / "in", "-o", tmp_path / "out", "--no-picture") == 0
+    assert results(tmp_path / "out") == wanted
+    for name in reversed(names):  # the same, whichever are in the run
+        assert detect(tmp_path / "in" / name, "-o", tmp_path / "again", "--no-picture") == 0
+    assert results(tmp_path / "again") == wanted
+    assert detect(tmp_path / "in", "-o", tmp_path / "again", "--skip-existing", "--no-picture") == 0
+
+
 def test_a_link_and_its_file_are_two_images(tmp_path: Path) -> None:
     image = write(tmp_path / "in" / "z.jpg")
     (tmp_path / "in" / "a.jpg").symlink_to("z.jpg")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from elf_runtime.errors import ElfError, ImageError
+from elf_runtime.errors import ElfError
 from elf_runtime.extraction.shard_worker import MOST_DEATHS, _Notes
 from elf_runtime.extraction.shards import contents, digest, read_shards, without, write_shard
 from elf_runtime.extraction.store import Store, is_url, needed
@@ -144,33 +144,6 @@ def test_what_is_no_shard_is_said(store: Store, tmp_path: Path) -> None:
         contents(store)
     with pytest.raises(ElfError, match="nowhere"):
         Store.at("nowhere://bucket")
-
-
-def test_images_are_found_where_fsspec_reaches(tmp_path: Path) -> None:
-    fsspec = pytest.importorskip("fsspec", reason="needs the extra ray")
-    from elf_runtime.extraction.remote import remote_images
-    from runtime.extraction.disk import Disk
-
-    fsspec.register_implementation("disk", Disk, clobber=True)
-    for name in ("b.jpg", "a.jpg", "x/c.jpg", ".hidden.jpg", "notes.txt"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_bytes(b"x")
-    url = f"disk://{tmp_path.as_posix()}"
-
-    def names(place: str, recursive: bool = False, base: str | None = None) -> list[str]:
-        return [image.stem.as_posix() for image in remote_images(place, recursive, {".jpg"}, base)]
-
-    assert names(url) == ["a.jpg", "b.jpg"]
-    assert names(url, recursive=True) == ["a.jpg", "b.jpg", "x/c.jpg"]
-    assert names(f"{url}/*/*.jpg") == ["c.jpg"]
-    assert names(f"{url}/*/*.jpg", base=url) == ["x/c.jpg"]
-    assert names(f"{url}/gone.jpg") == ["gone.jpg"]
-    assert names(f"{url}/x/*.png") == []
-    with pytest.raises(ElfError, match="not below it"):
-        names(f"{url}/a.jpg", base=f"{url}/x")
-    (image,) = remote_images(f"{url}/gone.jpg", False, {".jpg"})
-    with pytest.raises(ImageError, match=r"gone\.jpg"):
-        image.open(None)
 
 
 def test_an_image_is_blamed_for_workers_that_touched_it_last(store: Store) -> None:
