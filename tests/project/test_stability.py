@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from importlib import import_module
 
@@ -31,6 +32,15 @@ def test_what_is_called_public_is_there(package: str) -> None:
     assert exported
     for name in exported:
         assert getattr(import_module(package), name) is not None
+
+
+def test_what_users_call_has_a_docstring() -> None:
+    """Of the classes that `elf_runtime` exports, which docs/api.md shows."""
+    package = import_module("elf_runtime")
+    for owner in filter(inspect.isclass, (getattr(package, name) for name in package.__all__)):
+        for name, member in inspect.getmembers(owner):
+            if not name.startswith("_") and (callable(member) or isinstance(member, property)):
+                assert inspect.getdoc(member), f"{owner.__name__}.{name}"
 
 
 def test_the_schema_is_the_one_stated() -> None:

@@ -23,9 +23,9 @@ class ElfFeature2D:
     """ELF in the place of a ``cv2.Feature2D``: the same methods, orders of arguments and results.
 
     Images and masks may be arrays or ``cv2.UMat``, which gives descriptors as one; images are BGR or grey, as OpenCV
-    reads them.  In images smaller than the model takes, and empty ones, there is nothing to find.  A mask is non-zero
-    where keypoints may be, in any of its channels where it has several.  `detect` and `compute` take a list of images,
-    too.
+    reads them, or paths of files, as for `ElfRuntime`.  In arrays smaller than the model takes, empty ones and None
+    there is nothing to find; what is no image is an ImageError.  A mask is non-zero where keypoints may be, in any of
+    its channels where it has several.  `detect` and `compute` take a list of images, too.
 
     >>> detector = ElfFeature2D(max_keypoints=2000)
     >>> keypoints, descriptors = detector.detectAndCompute(image, None)      # doctest: +SKIP
@@ -124,6 +124,7 @@ class ElfFeature2D:
         return int(cv2.CV_8U if self._bytes else cv2.CV_32F)
 
     def getDefaultName(self) -> str:
+        """The name that OpenCV's FileStorage would have for it."""
         return "Feature2D.ELF"
 
     def empty(self) -> bool:
@@ -132,8 +133,7 @@ class ElfFeature2D:
 
     def _features(self, image: Any, mask: Any) -> Features:
         pixels = _array(image)
-        least = self.runtime.contract.input.min_size
-        if pixels is None or min(np.shape(pixels)[:2], default=0) < least:  # OpenCV's detectors find nothing there
+        if _is_too_small(pixels, self.runtime.contract.input.min_size):  # OpenCV's detectors find nothing there
             return Features.from_cv2((), None, (1, 1))
         found = self.runtime.detect(pixels, mask=_mask(mask), descriptor=self._descriptor, params=self._params)
         return found.quantized() if self._bytes else found
@@ -145,6 +145,16 @@ class ElfFeature2D:
 
 def _array(image: Any) -> Any:
     return image.get() if isinstance(image, cv2.UMat) else image
+
+
+def _is_too_small(pixels: Any, least: int) -> bool:
+    """Whether it is an image, or the nothing that `cv2.imread` gives, and smaller than the model takes."""
+    if pixels is None:
+        return True
+    if not (hasattr(pixels, "__array__") or hasattr(pixels, "__array_interface__")):
+        return False  # a path, or what is refused
+    shape = np.shape(pixels)
+    return 0 in shape or (len(shape) in (2, 3) and min(shape[:2]) < least)
 
 
 def _like(rows: Any, image: Any) -> Any:

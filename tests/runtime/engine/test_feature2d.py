@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -173,6 +174,51 @@ def test_there_is_nothing_to_find_in_what_is_too_small(image: np.ndarray | None)
     detector = ElfFeature2D(TINY)
     assert detector.detect(image) == ()
     assert detector.detectAndCompute(image, None) == ((), None)
+
+
+def test_a_path_is_an_image(tmp_path: Path) -> None:
+    detector, image = ElfFeature2D(TINY, threshold="none"), textured(96, 128)
+    file = tmp_path / "image.png"
+    cv2.imwrite(str(file), image)
+    mask = np.zeros(image.shape[:2], np.uint8)
+    mask[:, 40:] = 1
+    for given in (None, mask):
+        wanted, rows = detector.detectAndCompute(image, given)
+        assert len(wanted) > 3
+        for path in (file, str(file)):
+            found, descriptors = detector.detectAndCompute(path, given)
+            np.testing.assert_array_equal(places(found), places(wanted))
+            np.testing.assert_array_equal(descriptors, rows)
+            np.testing.assert_array_equal(places(detector.detect(path, given)), places(wanted))
+            np.testing.assert_array_equal(places(detector.detect([path], [given])[0]), places(wanted))
+            np.testing.assert_allclose(detector.compute(path, wanted)[1], rows, atol=1e-5)
+    with pytest.raises(ImageError, match=r"gone\.jpg: No such file"):
+        detector.detect("gone.jpg")
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        "", b"image.png", {}, {"image": 1}, set(), 5, 0.5, True, object(), np.uint8(3), np.array(5), np.array("a.jpg"),
+        np.zeros(40, np.uint8), np.zeros((2, 96, 128, 3), np.uint8), iter([]), np.zeros,
+        Features.from_cv2((), None, (1, 1)),
+    ],
+)  # fmt: skip
+def test_what_is_no_image_is_not_taken_for_a_small_one(image: Any) -> None:
+    detector = ElfFeature2D(TINY)
+    for detect in (detector.detect, lambda given: detector.detectAndCompute(given, None), detector.runtime.detect):
+        with pytest.raises(ImageError):
+            detect(image)
+    with pytest.raises(ImageError):
+        detector.compute(image, [cv2.KeyPoint(3, 4, 1)])
+
+
+def test_lists_are_for_detect_and_compute() -> None:
+    detector, image = ElfFeature2D(TINY), textured(96, 128)
+    for images in ([image, image], (image,), [], [[0, 1], [2, 3]]):
+        with pytest.raises(ImageError, match=r"not (list|tuple)"):
+            detector.detectAndCompute(images, None)
+    assert detector.detect([]) == ()
 
 
 def test_a_umat_gives_a_umat() -> None:
