@@ -73,7 +73,7 @@ def work(args: argparse.Namespace) -> int:
     done.finish(store)
     run.finish(elf)
     if done.deaths and not args.quiet:
-        say(f"{done.deaths} times a worker had died or been stopped in a shard, which was done anew", stream)
+        say(f"{done.deaths} times a worker had died in a shard, which was done anew", stream)
     return command.FAILED if run.failed else 0
 
 

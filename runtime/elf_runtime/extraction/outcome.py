@@ -19,8 +19,9 @@ def record_of_image(settings: Mapping[str, Any], frame: Frame, image: Opened) ->
 
 def failure(frame: Frame, error: Exception) -> dict[str, Any]:
     """Of an image that could not be done: why, beginning with its name."""
-    named = str(error).startswith(printable(f"{frame.name}:"))
-    return {**frame.told(), "error": str(error) if named else f"{frame.name}: {error}"}
+    name = printable(frame.name)
+    named = str(error).startswith(f"{name}:")
+    return {**frame.told(), "error": str(error) if named else f"{name}: {error}"}
 
 
 def detected(frame: Frame, files: Sequence[str], trace: Trace, seconds: float, read: float) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import json
 import logging
 import os
 import pickle
+import re
 import signal
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,6 +29,8 @@ SHARD_SIZE = 256  # images; some 70 MB of features with 500 keypoints each
 
 # What Ray's own processes read: its statistics are not sent, and its logs stay in their files.
 QUIET = {"RAY_USAGE_STATS_ENABLED": "0"}
+
+_COLOR = re.compile(r"\x1b\[[0-9;]*m")
 
 
 def plan(
@@ -139,4 +142,10 @@ def _rows(reports: Any) -> Iterator[Mapping[str, Any]]:
     try:
         yield from reports.iter_rows()
     except Exception as error:  # as above
-        raise ElfError(f"Ray: {first_line(error)}") from error
+        raise ElfError(f"Ray: {_said(error)}") from error
+
+
+def _said(error: Exception) -> str:
+    """What went wrong in a worker, or in Ray itself, in a line without the colours that Ray writes."""
+    cause = getattr(error, "cause", None)
+    return _COLOR.sub("", first_line(cause if isinstance(cause, Exception) else error))

@@ -2,17 +2,20 @@
 
 A worker may die at any moment, and its shard is then done by another from its beginning.  So that an image which kills
 workers ends no run, a shard that is begun leaves a note beside it.  Who finds the note takes care: it notes each image
-before it touches it, and leaves out those that were the last thing that `MOST_DEATHS` workers noted.
+before it touches it, and leaves out those that were the last thing that `MOST_DEATHS` workers noted.  A note is of its
+run alone: workers that another run left behind were stopped with it, and no image is to blame.
 """
 
 from __future__ import annotations
 
 import json
 import pickle
+import secrets
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import cv2
@@ -20,7 +23,7 @@ import numpy.typing as npt
 
 import elf_runtime
 from elf_runtime.engine import ElfRuntime
-from elf_runtime.errors import ElfError
+from elf_runtime.errors import ElfError, first_line
 from elf_runtime.params import DetectionParams
 from elf_runtime.results.features import Features
 
@@ -36,7 +39,13 @@ READERS = 4  # images that are fetched while another one is worked on
 
 @dataclass(frozen=True)
 class Job:
-    """What all shards of a run have in common; see `Extractor`."""
+    """What all shards of a run have in common; see `Extractor`.
+
+    Attributes
+    ----------
+    run : str
+        Tells this run from any other one.
+    """
 
     elf: ElfRuntime
     params: DetectionParams
@@ -47,6 +56,7 @@ class Job:
     ignore_exif: bool = False
     max_pixels: int | None = None
     threads: int = 1
+    run: str = field(default_factory=partial(secrets.token_hex, 8))
 
 
 @dataclass(frozen=True)
@@ -73,7 +83,7 @@ def work(job: Job, task: Task) -> dict[str, Any]:
     -------
     dict
         ``results``: what became of each image, as of an `Extractor`, with its ``name``; ``deaths``: how many workers
-        had begun this shard and not finished it.
+        of this run had begun this shard and not finished it.
 
     Raises
     ------
@@ -83,7 +93,7 @@ def work(job: Job, task: Task) -> dict[str, Any]:
     if job.elf.sha256 != job.record["model_sha256"]:
         raise ElfError("the model of this worker is not the one of the command: install the same package everywhere")
     cv2.setNumThreads(job.threads)
-    notes = _Notes(job.store, f".{task.shard}.begun")
+    notes = _Notes(job.store, f".{task.shard}.{job.run}.begun")
     rows: dict[str, Features] = {}
     results = [_result(job, task, frame, opened, rows) for frame, opened in _opened(job, task, notes)]
     notes.add_careful("")  # no image is to blame from here on
@@ -103,8 +113,8 @@ def _opened(job: Job, task: Task, notes: _Notes) -> Iterator[tuple[Frame, Opened
         notes.add_careful(name)
         try:
             return frame.open(job.max_pixels)
-        except (ElfError, OSError) as error:
-            return ElfError(str(error))
+        except Exception as error:  # whatever it is, it is this image's
+            return ElfError(_text(error))
 
     # With care it is one after the other, so that the last one noted is the one that is worked on.
     return overlapped(fetch, task.frames, 1 if notes.deaths else READERS)
@@ -118,17 +128,33 @@ def _result(job: Job, task: Task, frame: Frame, image: Opened | ElfError, rows: 
             raise image
         start = time.perf_counter()
         record = record_of_image(job.record, frame, image)
+        _check_unicode(name, record["image"])
         for shard, there in task.known.get(name, {}).items():
             if there == digest(record):
                 return {**frame.told(), "name": name, "files": [job.store.url(shard)], "skipped": True}
         pixels = image.decoded(job.ignore_exif)
         read = time.perf_counter() - start
         trace = job.elf.trace(pixels, mask=job.mask, params=job.params, descriptor=job.descriptor)
-    except (ElfError, OSError) as error:
-        return failure(frame, error) | {"name": name}
+    except Exception as error:  # as above
+        return failure(frame, ElfError(_text(error))) | {"name": name}
     rows[name] = replace(trace.features, record=record)
     found = detected(frame, [job.store.url(task.shard)], trace, time.perf_counter() - start, read)
     return found | {"name": name}
+
+
+def _check_unicode(*names: str) -> None:
+    try:
+        "".join(names).encode()
+    except UnicodeEncodeError:
+        raise ElfError("its name, or that of its folder, is no Unicode, and shards take no other; rename it") from None
+
+
+def _text(error: Exception) -> str:
+    """What an error says; of one that is no answer to bad input, its type too."""
+    if isinstance(error, (ElfError, OSError)):
+        return str(error)
+    kind, said = type(error).__name__, first_line(error)
+    return kind if said == kind else f"{kind}: {said}"
 
 
 class _Notes:
@@ -184,6 +210,6 @@ class ShardWorker:
             if self._job is None:
                 self._job = pickle.loads(self._data)
             report = work(self._job, pickle.loads(batch["task"][0]))
-        except (ElfError, OSError, ImportError, AttributeError) as error:
-            report = {"failed": str(error)}
+        except Exception as error:  # Ray would give its own text, of many lines
+            report = {"failed": _text(error)}
         return {"report": [json.dumps(report)]}

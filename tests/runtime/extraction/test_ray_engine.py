@@ -220,6 +220,25 @@ def test_a_worker_of_another_version_or_model_is_refused(tmp_path: Path) -> None
         work(job, Task("part-0123456789ab-00000.parquet", []))
 
 
+def test_what_ray_says_is_a_line_without_colours() -> None:
+    from elf_runtime.extraction.ray_engine import _rows
+
+    class Reports:
+        def iter_rows(self) -> Iterator[Any]:
+            error = RuntimeError("\x1b[36mray::MapWorker(pid=7)\x1b[39m died\n  Traceback")
+            error.cause = self.cause  # type: ignore[attr-defined]
+            yield {"report": ""}
+            raise error
+
+        cause: Any = None
+
+    reports = Reports()
+    for reports.cause, said in ((None, "Ray: ray::MapWorker(pid=7) died"), (KeyError("x"), "Ray: 'x'")):
+        with pytest.raises(ElfError) as caught:
+            list(_rows(reports))
+        assert str(caught.value) == said
+
+
 def test_ray_does_not_keep_the_signals() -> None:
     """Else a run that is terminated would say nothing, and end with Ray's own status."""
     from elf_runtime.extraction.ray_engine import _own_signals
