@@ -13,7 +13,7 @@ from typing import Any
 
 from elf_runtime.errors import SettingError
 from elf_runtime.extraction.frames import Frame, Still
-from elf_runtime.extraction.ray_engine import SHARD_SIZE, plan, ray_session, run_tasks, workers_for
+from elf_runtime.extraction.ray_engine import SHARD_SIZE, plan, ray_library, ray_session, run_tasks, workers_for
 from elf_runtime.extraction.remote import remote_images
 from elf_runtime.extraction.shard_worker import Job
 from elf_runtime.extraction.shards import contents, without
@@ -40,7 +40,8 @@ def work(args: argparse.Namespace) -> int:
         If it asks for what is not for many machines, or for an output with shards in it, unless it says what of them.
     """
     _check(args)
-    for module in ("ray", "fsspec", "pyarrow"):
+    ray_library()
+    for module in ("fsspec", "pyarrow"):
         needed(module)
     if args.format == "h5":
         needed("h5py", "h5")

@@ -27,8 +27,9 @@ from .store import Store, needed
 
 SHARD_SIZE = 256  # images; some 70 MB of features with 500 keypoints each
 
-# What Ray's own processes read: its statistics are not sent, and its logs stay in their files.
-QUIET = {"RAY_USAGE_STATS_ENABLED": "0"}
+# What Ray and its processes read: its statistics are not sent; what it says of workers that died, on standard output
+# and in colours, stays in its log files.
+QUIET = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_DEDUP_LOGS_SKIP_REGEX": ".", "RAY_COLOR_PREFIX": "0"}
 
 _COLOR = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -52,6 +53,20 @@ def plan(
     return tasks
 
 
+def ray_library() -> Any:
+    """The module `ray`, with `QUIET` where the environment says nothing else; some of it is read as it is imported.
+
+    Raises
+    ------
+    ElfError
+        If Ray is not installed.
+    """
+    for name, value in QUIET.items():
+        os.environ.setdefault(name, value)
+    needed("ray.data")
+    return needed("ray")
+
+
 @contextmanager
 def ray_session() -> Iterator[Any]:
     """Ray, connected to the cluster that it finds (RAY_ADDRESS, or one that `ray start` began), else started here.
@@ -63,10 +78,7 @@ def ray_session() -> Iterator[Any]:
     ElfError
         If Ray is not installed, or can't connect or start.
     """
-    for name, value in QUIET.items():
-        os.environ.setdefault(name, value)
-    ray = needed("ray")
-    needed("ray.data")
+    ray = ray_library()
     if ray.is_initialized():
         yield ray
         return
