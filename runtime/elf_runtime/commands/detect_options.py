@@ -108,7 +108,7 @@ def _add_machines(parser: Parser) -> None:
         "With --engine ray, IMAGE, DIR and FOLDER may be URLs that fsspec knows, such as s3://bucket/photos/*.jpg. DIR "
         "gets shards of many images each, which elf_runtime.extraction.shards.read_shards reads. --workers are "
         "processes of --threads cores (1) each, by default as many as Ray has cores for; --overwrite removes the "
-        "shards that are there first. See docs/cluster.md.",
+        "shards that are there, at its end. See docs/cluster.md.",
     )
     group.add_argument(
         "--engine", choices=("local", "ray"), default="local",

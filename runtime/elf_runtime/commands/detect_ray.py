@@ -6,7 +6,7 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -53,6 +53,7 @@ def work(args: argparse.Namespace) -> int:
     params, record = options.params(elf, args), record_of(elf, args, mask)
     job = Job(elf, params, args.descriptor, mask, record, store, args.ignore_exif, args.max_pixels, args.threads)
     known = contents(store) if args.skip_existing else {}
+    replaced = store.shards() if args.overwrite else []
     to_stdout = "-" in (args.json, args.jsonl)
     stream = sys.stderr if to_stdout else sys.stdout
     progress = Progress("elf-detect", "image", len(frames), stream, args.quiet)
@@ -62,8 +63,6 @@ def work(args: argparse.Namespace) -> int:
         ray = stack.enter_context(ray_session())
         workers = _workers(ray, args)
         size = args.shard_size or max(1, min(SHARD_SIZE, -(-len(frames) // workers)))
-        if args.overwrite:
-            store.remove_shards()
         tasks = plan(frames, record, store, args.format or "parquet", size, known)
         lines = stack.enter_context(lines_of(args.jsonl)) if args.jsonl else None
         for report in run_tasks(ray, job, tasks, workers):
@@ -71,7 +70,7 @@ def work(args: argparse.Namespace) -> int:
             for result in report["results"]:
                 run.take(result, lines)
                 done.take(result)
-    done.finish(store)
+    done.finish(store, replaced)
     run.finish(elf)
     if done.deaths and not args.quiet:
         say(f"{done.deaths} times a worker had died in a shard, which was done anew", stream)
@@ -83,21 +82,22 @@ class _Done:
 
     def __init__(self, known: Mapping[str, Mapping[str, str]]) -> None:
         self._known = known
-        self._superseded: dict[str, set[str]] = {}  # shard -> images that another one has now
+        self._superseded: dict[str, set[str]] = {}  # shard -> images that another one has now, or that can't be done
         self._errors: list[Mapping[str, Any]] = []
         self.deaths = 0
 
     def take(self, result: Mapping[str, Any]) -> None:
         if "error" in result:
             self._errors.append(result)
-            return
-        shard = result["files"][0].rpartition("/")[2]
+        shard = result["files"][0].rpartition("/")[2] if "files" in result else None
         for other in self._known.get(result["name"], {}):
             if other != shard:
                 self._superseded.setdefault(other, set()).add(result["name"])
 
-    def finish(self, store: Store) -> None:
-        """Take what is superseded out of the older shards, and write the errors, or remove those of the last run."""
+    def finish(self, store: Store, replaced: Sequence[str]) -> None:
+        """Remove the shards that are `replaced`, and of others what is superseded; write the errors of this run."""
+        for shard in replaced:
+            store.remove(shard)
         for shard, names in self._superseded.items():
             without(store, shard, names)
         for name in store.names():  # of workers that died or were stopped
@@ -166,10 +166,10 @@ def _check_shards(args: argparse.Namespace, store: Store) -> None:
     if shards and not (args.skip_existing or args.overwrite):
         raise UsageError(
             f"-o {store.place}: {len(shards)} shards are there; --skip-existing adds what they lack, --overwrite "
-            "removes them first, or give another folder"
+            "replaces them, or give another folder"
         )
     if args.skip_existing and args.overwrite:
-        raise UsageError("--skip-existing keeps the shards that are there and --overwrite removes them; give one")
+        raise UsageError("--skip-existing keeps the shards that are there and --overwrite replaces them; give one")
 
 
 def _workers(ray: Any, args: argparse.Namespace) -> int:

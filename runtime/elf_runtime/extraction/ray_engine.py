@@ -23,7 +23,7 @@ from elf_runtime.errors import ElfError, SettingError, first_line
 from .frames import Frame
 from .shard_worker import Job, ShardWorker, Task
 from .shards import digest
-from .store import Store, needed
+from .store import Store, needed, run_of
 
 SHARD_SIZE = 256  # images; some 70 MB of features with 500 keypoints each
 
@@ -44,12 +44,14 @@ def plan(
 ) -> list[Task]:
     """The shards of a run: the same ones for the same images, settings and files that are there already."""
     images = [[frame.stem.as_posix(), frame.identity()] for frame in frames]
-    run = digest([ending, size, dict(record), elf_runtime.__version__, images, store.shards()])[:12]
+    there_already = store.shards()
+    run = digest([ending, size, dict(record), elf_runtime.__version__, images, there_already])[:12]
+    number = 1 + max(map(run_of, there_already), default=0)
     tasks = []
     for index, start in enumerate(range(0, len(frames), size)):
         part = frames[start : start + size]
         there = {name: known[name] for name in (frame.stem.as_posix() for frame in part) if name in known}
-        tasks.append(Task(f"part-{run}-{index:05d}.{ending}", part, there))
+        tasks.append(Task(f"part-{number:04d}-{run}-{index:05d}.{ending}", part, there))
     return tasks
 
 

@@ -25,7 +25,9 @@ FORMATS = ("parquet", "h5")
 
 
 def read_shards(path: str | os.PathLike[str]) -> Iterator[tuple[str, Features]]:
-    """The features of all images in a folder of shards, or in one of them.
+    """The features of all images in a folder of shards, each image once, or in one of them.
+
+    A run that was stopped leaves older rows beside its own; of an image's rows that of the newest run is given.
 
     Parameters
     ----------
@@ -35,7 +37,8 @@ def read_shards(path: str | os.PathLike[str]) -> Iterator[tuple[str, Features]]:
     Yields
     ------
     (name, Features)
-        By shard and in its order; the record says which image, model and settings.  One shard at most is in memory.
+        By shard and in its order, the newest run's shards first; the record says which image, model and settings.  One
+        shard at most is in memory.
 
     Raises
     ------
@@ -52,9 +55,13 @@ def read_shards(path: str | os.PathLike[str]) -> Iterator[tuple[str, Features]]:
         names = store.shards()
     if not names:
         raise ElfError(f"{place}: no shards of elf-detect there")
-    for name in names:
-        with store.fetched(name) as file:
-            yield from read_shard(file)
+    given: set[str] = set()
+    for shard in names:
+        with store.fetched(shard) as file:
+            for image, features in read_shard(file):
+                if image not in given:
+                    given.add(image)
+                    yield image, features
 
 
 def write_shard(store: Store, name: str, rows: Mapping[str, Features]) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 
 from elf_runtime.errors import ElfError, first_line
 
-SHARD = re.compile(r"part-[0-9a-f]{12}-\d{5,}\.(parquet|h5)")
+SHARD = re.compile(r"part-(\d{4,})-[0-9a-f]{12}-\d{5,}\.(parquet|h5)")  # the number of its run in this folder first
 # In these a file appears when all of it is there, and a renaming would be a second copy.
 OBJECT_STORES = frozenset(("s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oci", "oss", "r2"))
 
@@ -73,6 +73,12 @@ def storage_errors(place: str) -> Iterator[None]:
         raise ElfError(f"{place}: {text}") from error
 
 
+def run_of(shard: str) -> int:
+    """The number of the run that wrote a shard, by its name: a later run has a higher one, whatever clocks say."""
+    found = SHARD.fullmatch(shard)
+    return int(found[1]) if found else 0
+
+
 @dataclass(frozen=True)
 class Store:
     """A folder by its place, for messages, with its file system and path in it.  It can be pickled."""
@@ -99,7 +105,8 @@ class Store:
         return []
 
     def shards(self) -> list[str]:
-        return [name for name in self.names() if SHARD.fullmatch(name)]
+        """The names of its shards: those of the newest run first, and each run's in order."""
+        return sorted((name for name in self.names() if SHARD.fullmatch(name)), key=lambda name: (-run_of(name), name))
 
     def put(self, file: Path, name: str) -> None:
         """Take a local file in as `name`, whole or not at all, in place of what is there."""
@@ -135,10 +142,6 @@ class Store:
         """Remove a file, which may be gone already."""
         with storage_errors(self.url(name)), suppress(FileNotFoundError):
             self.system.rm_file(f"{self.path}/{name}")
-
-    def remove_shards(self) -> None:
-        for name in self.shards():
-            self.remove(name)
 
     @contextmanager
     def opened(self, name: str) -> Iterator[Any]:

@@ -217,7 +217,7 @@ def test_a_worker_of_another_version_or_model_is_refused(tmp_path: Path) -> None
     elf = ElfRuntime(TINY, threads=1)
     job = Job(elf, elf.params(), None, None, {"model_sha256": "another"}, Store.at(str(tmp_path)))
     with pytest.raises(ElfError, match="same package"):
-        work(job, Task("part-0123456789ab-00000.parquet", []))
+        work(job, Task("part-0001-0123456789ab-00000.parquet", []))
 
 
 def test_what_ray_says_is_a_line_without_colours() -> None:

@@ -23,7 +23,7 @@ from runtime.commands.detecting import write
 pytest.importorskip("fsspec", reason="needs the extra ray")
 pytest.importorskip("pyarrow", reason="needs the extra ray")
 
-SHARD = "part-0123456789ab-00000"
+SHARD = "part-0001-0123456789ab-00000"
 Trace = runtime.ElfRuntime.trace
 
 

@@ -16,7 +16,7 @@ from elf_runtime.extraction.shards import contents, digest, read_shards, without
 from elf_runtime.extraction.store import Store, is_url, needed
 from elf_runtime.results.features import Features
 
-SHARD = "part-0123456789ab-00000"
+SHARD = "part-0001-0123456789ab-00000"
 COLUMNS = ("keypoints", "scores", "descriptors", "sizes", "angles")
 
 
