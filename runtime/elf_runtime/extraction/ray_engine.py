@@ -97,12 +97,18 @@ def ray_session() -> Iterator[Any]:
 
 @contextmanager
 def _own_signals() -> Iterator[None]:
-    """Keep what the program does on SIGTERM, which Ray replaces by its own exit."""
+    """Keep what the program does on SIGTERM, which Ray replaces by exits of its own; also if it comes meanwhile."""
     before = signal.getsignal(signal.SIGTERM)
+    is_main = threading.current_thread() is threading.main_thread()  # only there are signals received
     try:
         yield
+    except SystemExit:
+        if is_main:
+            signal.signal(signal.SIGTERM, before)
+            signal.raise_signal(signal.SIGTERM)
+        raise
     finally:
-        if threading.current_thread() is threading.main_thread():
+        if is_main:
             signal.signal(signal.SIGTERM, before)
 
 

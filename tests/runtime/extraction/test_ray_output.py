@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from elf_runtime.commands.command import Terminated, terminable
+from elf_runtime.extraction.ray_engine import _own_signals
 from helpers import TINY
 from runtime.commands.detecting import write
 
@@ -47,3 +50,22 @@ def test_a_worker_that_dies_writes_nothing_into_either_stream(tmp_path: Path) ->
     assert "1 times a worker had died" in done.stderr
     assert "\x1b" not in done.stderr
     assert "raylet" not in done.stderr
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there is no SIGTERM there")
+@pytest.mark.parametrize("status", [1, 15])
+def test_a_signal_while_ray_starts_is_no_exit_of_ray_s(status: int) -> None:
+    """Ray sets handlers one after the other, whose exits have these statuses and say nothing."""
+    before = signal.getsignal(signal.SIGTERM)
+
+    def ray_s(*_: object) -> None:
+        raise SystemExit(status)
+
+    def starts() -> None:
+        with terminable(), _own_signals():
+            signal.signal(signal.SIGTERM, ray_s)
+            signal.raise_signal(signal.SIGTERM)
+
+    with pytest.raises(Terminated):
+        starts()
+    assert signal.getsignal(signal.SIGTERM) == before
