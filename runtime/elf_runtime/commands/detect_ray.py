@@ -16,7 +16,7 @@ from elf_runtime.extraction.frames import Frame, Still
 from elf_runtime.extraction.ray_engine import SHARD_SIZE, plan, ray_library, ray_session, run_tasks, workers_for
 from elf_runtime.extraction.remote import remote_images
 from elf_runtime.extraction.shard_worker import Job
-from elf_runtime.extraction.shards import contents, without
+from elf_runtime.extraction.shards import contents, torn_shards, without
 from elf_runtime.extraction.store import Store, is_url, needed
 from elf_runtime.image.video import VIDEO_SUFFIXES
 
@@ -52,8 +52,8 @@ def work(args: argparse.Namespace) -> int:
     elf, mask = options.open_runtime(args), options.read_mask(args)
     params, record = options.params(elf, args), record_of(elf, args, mask)
     job = Job(elf, params, args.descriptor, mask, record, store, args.ignore_exif, args.max_pixels, args.threads)
-    known = contents(store) if args.skip_existing else {}
-    replaced = store.shards() if args.overwrite else []
+    replaced = store.shards() if args.overwrite else torn_shards(store)
+    known = contents(store, but=replaced) if args.skip_existing else {}
     to_stdout = "-" in (args.json, args.jsonl)
     stream = sys.stderr if to_stdout else sys.stdout
     progress = Progress("elf-detect", "image", len(frames), stream, args.quiet)

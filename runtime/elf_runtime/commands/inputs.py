@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
+from elf_runtime.extraction.store import SHARD
 from elf_runtime.files.listing import Listing, files_in, is_file_or_lost, shut_on_the_way
 from elf_runtime.files.write import real
 from elf_runtime.image.video import VIDEO_SUFFIXES
@@ -59,8 +60,7 @@ def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | 
             images = images_in(path, recursive)
             inside = sorted([*images.files, *images.shut])
             if not inside:
-                place = " or below it" if recursive else "; --recursive looks below it too"
-                raise UsageError(f"{argument}: no images ({', '.join(sorted(IMAGE_SUFFIXES))}) in this folder{place}")
+                raise UsageError(f"{argument}: {_why_none(path, recursive)}")
             found += [(p, path) for p in inside]
         elif not os.path.lexists(path) and glob.has_magic(argument):
             # The shell has not expanded it: it was quoted, or the shell is Windows' own.
@@ -78,6 +78,17 @@ def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | 
             seen.add(os.path.abspath(path))
             names[path] = _name(path, folder, base)
     return names
+
+
+def _why_none(folder: Path, recursive: bool) -> str:
+    """What to say of a folder that can be listed and has no images."""
+    if any(SHARD.fullmatch(name) for name in os.listdir(folder)):
+        return (
+            "no images in this folder, but shards of elf-detect --engine ray: in Python, "
+            "elf_runtime.extraction.shards.read_shards gives their features, and save(FILE) makes an .npz of each"
+        )
+    place = " or below it" if recursive else "; --recursive looks below it too"
+    return f"no images ({', '.join(sorted(IMAGE_SUFFIXES))}) in this folder{place}"
 
 
 def images_in(folder: Path, recursive: bool) -> Listing:

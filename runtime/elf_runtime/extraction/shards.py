@@ -9,7 +9,7 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Collection, Iterator, Mapping, Set
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -22,6 +22,7 @@ from .parquet import parquet_records, read_parquet, write_parquet
 from .store import Store, needed
 
 FORMATS = ("parquet", "h5")
+_PARQUET, _HDF5 = b"PAR1", b"\x89HDF\r\n\x1a\n"  # how the files begin; one of Parquet ends so, too
 
 
 def read_shards(path: str | os.PathLike[str]) -> Iterator[tuple[str, Features]]:
@@ -90,10 +91,17 @@ def read_shard(file: Path) -> Iterator[tuple[str, Features]]:
         yield name, replace(features, record=records.get(name))
 
 
-def contents(store: Store) -> dict[str, dict[str, str]]:
-    """Name of an image -> the shards that have it, each with the `digest` of its record there."""
+def torn_shards(store: Store) -> list[str]:
+    """Those that were cut off, by a disk that was full or a machine that failed; what is no shard is not among them."""
+    return [shard for shard in store.shards() if _is_torn(store, shard)]
+
+
+def contents(store: Store, but: Collection[str] = ()) -> dict[str, dict[str, str]]:
+    """Name of an image -> the shards that have it, `but` these, each with the `digest` of its record there."""
     found: dict[str, dict[str, str]] = {}
     for shard in store.shards():
+        if shard in but:
+            continue
         with store.opened(shard) as file:
             for name, record in _records(file, shard):
                 found.setdefault(name, {})[shard] = digest(record)
@@ -113,6 +121,25 @@ def without(store: Store, shard: str, names: Set[str]) -> None:
 def digest(data: Any) -> str:
     """The same for the same plain data: 32 hexadecimal digits."""
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def _is_torn(store: Store, shard: str) -> bool:
+    """Whether it begins as a shard does, and does not end so."""
+    with store.opened(shard) as file:
+        head = file.read(len(_HDF5))
+        if shard.endswith(".parquet"):
+            file.seek(0, os.SEEK_END)
+            size = file.tell()
+            file.seek(max(0, size - len(_PARQUET)))
+            is_whole = size > 2 * len(_PARQUET) and file.read() == _PARQUET
+            return not is_whole and _PARQUET.startswith(head[: len(_PARQUET)])
+        if head != _HDF5:
+            return _HDF5.startswith(head)
+        try:
+            needed("h5py", "h5").File(file, "r").close()
+        except OSError as error:
+            return "truncated" in str(error)
+    return False
 
 
 def _records(file: BinaryIO, shard: str) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from elf_runtime.commands import detect_ray
+from elf_runtime.commands import detect_ray, match, view
 from elf_runtime.extraction.shard_worker import Job, Task, work
 from elf_runtime.extraction.shards import read_shards
 from runtime.commands.detecting import detect, write
@@ -104,6 +104,31 @@ def test_an_image_that_can_not_be_read_any_more_has_no_row(here: Here) -> None:
     del before["1.png"]
     assert counts() == before
     assert Path("out/errors.jsonl").read_text().count("\n") == 1
+
+
+@pytest.mark.parametrize("ending", ["parquet", "h5"])
+@pytest.mark.parametrize("kept", [0, 5, 2000])
+def test_a_shard_that_was_cut_off_is_done_again(here: Here, ending: str, kept: int) -> None:
+    if ending == "h5":
+        pytest.importorskip("h5py")
+    assert run("--format", ending) == 0
+    before = counts()
+    first, *others = sorted(Path("out").glob("part-*"))
+    first.write_bytes(first.read_bytes()[:kept])
+    assert run("--format", ending, "--skip-existing") == 0
+    assert counts() == before
+    assert not first.exists()
+    assert all(other.exists() for other in others)
+    others[0].write_bytes(b"another file of this name")  # is no shard, and stays
+    assert run("--format", ending, "--skip-existing") == 1
+    assert others[0].exists()
+
+
+@pytest.mark.parametrize("command", [match, view], ids=["match", "view"])
+def test_other_commands_say_what_shards_are(here: Here, command: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run() == 0
+    assert command.main(["out"]) == 2
+    assert "error: out: no images in this folder, but shards of elf-detect --engine ray: " in capsys.readouterr().err
 
 
 def test_results_are_those_of_the_local_engine(here: Here) -> None:
