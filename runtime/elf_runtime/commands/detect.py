@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
@@ -69,7 +70,7 @@ def _work(args: argparse.Namespace) -> int:
 
 def _inputs(args: argparse.Namespace) -> tuple[list[Still], list[Clip]]:
     """The image files and the videos that the command line names, each with the place of its results."""
-    videos = [word for word in args.images if Path(word).suffix.lower() in VIDEO_SUFFIXES and not Path(word).is_dir()]
+    videos = [word for word in args.images if Path(word).suffix.lower() in VIDEO_SUFFIXES and not os.path.isdir(word)]
     words = [word for word in args.images if word not in videos]
     if not args.images and args.camera is None:
         raise UsageError("nothing to detect in: give images, folders, patterns or videos, or --camera 0")

@@ -111,7 +111,7 @@ class _Done:
 
 def _check(args: argparse.Namespace) -> None:
     """Refuse what this engine does not do."""
-    videos = [word for word in args.images if Path(word).suffix.lower() in VIDEO_SUFFIXES and not Path(word).is_dir()]
+    videos = [word for word in args.images if Path(word).suffix.lower() in VIDEO_SUFFIXES and not os.path.isdir(word)]
     if videos or args.camera is not None or args.every != 1 or args.limit is not None:
         raise UsageError("--engine ray is for images; videos, --camera, --every and --limit are for --engine local")
     if args.picture or args.explain:

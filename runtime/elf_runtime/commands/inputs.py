@@ -56,7 +56,7 @@ def image_files(arguments: Sequence[str], recursive: bool = False, base: Path | 
     found: list[tuple[Path, Path]] = []
     for argument in arguments:
         path = Path(argument)
-        if path.is_dir():
+        if os.path.isdir(path):  # where Path.is_dir raises, the image has an error of its own
             images = images_in(path, recursive)
             inside = sorted([*images.files, *images.shut])
             if not inside:
@@ -107,10 +107,12 @@ def video_files(arguments: Sequence[str], base: Path | None = None) -> dict[Path
     """
     names: dict[Path, Path] = {}
     for argument in arguments:
-        matches = sorted(map(Path, glob.glob(argument, recursive=True))) if glob.has_magic(argument) else []
-        if glob.has_magic(argument) and not matches and not os.path.lexists(argument):
-            raise UsageError(f"{argument}: no file matches")
-        for path in matches or [Path(argument)]:
+        matches = [Path(argument)]
+        if not os.path.lexists(argument) and glob.has_magic(argument):
+            matches = sorted([*map(Path, glob.glob(argument, recursive=True)), *shut_on_the_way(argument)])
+            if not matches:
+                raise UsageError(f"{argument}: no file matches")
+        for path in matches:
             names[path] = _name(path, path.parent, base)
     return names
 
@@ -138,7 +140,7 @@ def _without_ending(name: Path, path: Path) -> Path:
 def _keeps_ending(path: Path, stems: Counter[str]) -> bool:
     """Whether another image differs in its ending only, or keeps its own and is called as this one is without."""
     other = path.with_suffix("")
-    return stems[path.stem] > 1 or (bool(other.suffix) and other.is_file() and _keeps_ending(other, stems))
+    return stems[path.stem] > 1 or (bool(other.suffix) and os.path.isfile(other) and _keeps_ending(other, stems))
 
 
 def settled(path: Path, name: Path, output: Path) -> Path:
@@ -202,7 +204,7 @@ def check_pictures(arguments: Sequence[str], paths: Sequence[Path], output: Path
     """
     out = real(output)
     for folder in map(Path, arguments):
-        if folder.is_dir() and (out == real(folder) or (recursive and real(folder) in out.parents)):
+        if os.path.isdir(folder) and (out == real(folder) or (recursive and real(folder) in out.parents)):
             raise UsageError(
                 f"-o {output}: the pictures would be taken for images of the folder {folder} next time; "
                 "give a folder outside it, or write no pictures (--no-picture, and no --explain)"

@@ -153,3 +153,10 @@ def test_videos_that_differ_in_their_ending_only(tmp_path: Path) -> None:
     videos = [tmp_path / "in" / name for name in ("clip.avi", "clip.mkv", "other.avi")]
     assert detect(*videos, "-o", tmp_path / "out", "--limit", 1) == 0
     assert results(tmp_path / "out") == {f"{name}/000000.npz" for name in ("clip.avi", "clip.mkv", "other")}
+
+
+def test_a_video_whose_name_exists_comes_before_a_pattern(tmp_path: Path) -> None:
+    clip(tmp_path / "clip1.avi")
+    clip(tmp_path / "clip[1].avi")
+    assert detect(tmp_path / "clip[1].avi", "-o", tmp_path / "out", "--limit", 1) == 0
+    assert results(tmp_path / "out") == {"clip[1]/000000.npz"}

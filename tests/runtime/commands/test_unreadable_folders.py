@@ -37,7 +37,16 @@ def shut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return Path("in/shut")
 
 
-@pytest.mark.parametrize("given", [("in", "-r"), ("in/*/*.png", "in"), ("in/**/*.png",), ("in", "in/shut", "in/open")])
+@pytest.mark.parametrize(
+    "given",
+    [
+        ("in", "-r"),
+        ("in/*/*.png", "in"),
+        ("in/**/*.png",),
+        ("in", "in/shut", "in/open"),
+        ("in", "in/open", "in/*/*.mp4"),
+    ],
+)
 def test_detect_says_which_folder_it_could_not_list(
     shut: Path, given: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -48,6 +57,25 @@ def test_detect_says_which_folder_it_could_not_list(
     assert results(Path("out")) == {"in/a.npz", "in/b.npz", "in/open/c.npz"}
     failed = [image for image in json.loads(Path("run.json").read_text())["images"] if "error" in image]
     assert failed == [{"image": "in/shut", "error": "in/shut: Permission denied"}]
+
+
+def test_a_named_image_in_a_folder_that_can_not_be_entered(
+    shut: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stat, place = os.stat, os.path.abspath(shut)
+
+    def refuses(path: Any, **options: Any) -> Any:
+        if not isinstance(path, int) and os.path.dirname(os.path.abspath(path)) == place:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), os.fspath(path))
+        return stat(path, **options)
+
+    monkeypatch.setattr(os, "stat", refuses)
+    for options in (["--no-picture"], ["--picture"]):
+        assert detect("in/shut/d.png", "in/shut/d.png.jpg", "in/a.png", "-o", "out", "--overwrite", *options) == 1
+        said = capsys.readouterr().err
+        assert "error: in/shut/d.png: Permission denied\n" in said
+        assert "error: in/shut/d.png.jpg: Permission denied\n" in said
+        assert results(Path("out")) == {"in/a.npz"}
 
 
 def test_a_folder_alone_that_can_not_be_listed(shut: Path, capsys: pytest.CaptureFixture[str]) -> None:
