@@ -112,15 +112,8 @@ class Matched:
 def single_document(
     about: Sequence[Mapping[str, Any]], origin: Mapping[str, Any], settings: Mapping[str, Any], matched: Matched
 ) -> dict[str, Any]:
-    """The JSON of two images."""
-    return {
-        "images": [one["image"] for one in about],
-        "sha256": [one["sha256"] for one in about],
-        **origin,
-        "keypoints": [one["keypoints"] for one in about],
-        **settings,
-        **matched.summary(),
-    }
+    """The JSON of two images: of each what that of many pairs has, and then what belongs to the pair."""
+    return {"images": list(about), **origin, **settings, **matched.summary()}
 
 
 def _plain(array: npt.NDArray[Any] | None) -> list[Any] | None:

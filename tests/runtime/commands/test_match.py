@@ -165,7 +165,11 @@ def test_without_a_picture(pair: tuple[Path, Path], tmp_path: Path, capsys: pyte
     summary = json.loads(said.out)
     assert said.err.count("\n") == 1
     assert sorted(tmp_path.iterdir()) == before
-    assert summary["images"] == [str(path) for path in pair]
+    assert [image["image"] for image in summary["images"]] == [str(path) for path in pair]
+    assert [image["sha256"] for image in summary["images"]] == [
+        hashlib.sha256(path.read_bytes()).hexdigest() for path in pair
+    ]
+    assert all(0 < image["keypoints"] <= 60 for image in summary["images"])
     assert (summary["model"], summary["network"], summary["layer"]) == (str(TINY), "tiny", "pool1")
     assert summary["model_sha256"] == hashlib.sha256(TINY.read_bytes()).hexdigest()
     assert summary["ratio"] == 0.95
