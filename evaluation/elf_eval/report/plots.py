@@ -160,8 +160,10 @@ def draw_curve(axes: Any, x: Sequence[float], shares: Sequence[float | None], la
 
 
 def style(index: int) -> dict[str, Any]:
-    """The colour and marker of the method of this number."""
-    return {"color": f"C{index % 10}", "marker": "osD^vPX*<>"[index % 10]}
+    """The colour, marker and line of the method of this number: from the 11th on a colour comes with another two."""
+    again, number = divmod(index, 10)
+    marker = "osD^vPX*<>"[(number + 5 * again) % 10]
+    return {"color": f"C{number}", "marker": marker, "linestyle": ("-", (0, (3, 1, 1, 1)))[again % 2]}
 
 
 def draw_paper(
