@@ -40,14 +40,16 @@ def colmap(spec: Spec) -> Dataset:
     Raises
     ------
     EvalError
-        Also where pycolmap is not there, an image of the model is missing, or cameras have a distortion.
+        Also where pycolmap is not there, an image of the model is missing, cameras have a distortion, or a scene has no
+        pair.
     """
     shared = spec.take("shared", int, 30)
     step = spec.take("step", int, 0)
     root = spec.folder()
     pairs: list[Pair] = []
     for scene in [root] if (root / _SPARSE).is_dir() else folders_in(root):
-        pairs += _scene_pairs(scene, shared, step)
+        with spec.whole(scene_name(scene)):
+            pairs += _scene_pairs(scene, shared, step)
     return Dataset("colmap", tuple(pairs))
 
 
@@ -59,11 +61,15 @@ def _scene_pairs(scene: Path, shared: int, step: int) -> list[Pair]:
         raise EvalError(str(error)) from error
     views = {name: _View(scene, name, model) for name in sorted(model.poses)}
     points = {name: set(model.tracks[name][model.tracks[name] >= 0].tolist()) for name in views}
-    return [
+    pairs = [
         views[a].pair(views[b])
         for (i, a), (j, b) in combinations(enumerate(views), 2)
         if len(points[a] & points[b]) >= shared and (not step or j - i <= step)
     ]
+    if not pairs:
+        near = f" at most {step} apart" if step else ""
+        raise EvalError(f"{scene}: of its {len(views)} images no two{near} show {shared} of the same points (shared=N)")
+    return pairs
 
 
 class _View:

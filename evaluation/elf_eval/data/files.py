@@ -33,6 +33,20 @@ def images_in(folder: Path) -> list[Path]:
     return found
 
 
+def images_to_pair(folder: Path) -> list[Path]:
+    """As `images_in`, two at least.
+
+    Raises
+    ------
+    EvalError
+        If there is none or only one.
+    """
+    found = images_in(folder)
+    if len(found) < 2:
+        raise EvalError(f"{folder}: only one image here, {found[0].name}; a scene's pairs need two")
+    return found
+
+
 def folders_in(root: Path) -> list[Path]:
     """The visible subfolders, in natural order."""
     return sorted((p for p in root.iterdir() if p.is_dir() and not p.name.startswith(".")), key=natural)

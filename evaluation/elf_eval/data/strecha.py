@@ -23,7 +23,7 @@ from elf_eval.spec import Spec
 
 from .dataset import Dataset, Pair
 from .depth import read_depth
-from .files import folders_in, images_in, is_image, scene_name
+from .files import folders_in, images_to_pair, is_image, scene_name
 from .images import ImageRef, read_image
 from .truth import Calibrated
 
@@ -50,7 +50,7 @@ def strecha(spec: Spec) -> Dataset:
     ------
     EvalError
         Also where an image has another size than its camera file says, or than its depth map; where ``depth=FOLDER``
-        has no map of any image.
+        has no map of any image; where a scene has no image or only one.
     """
     step = spec.take("step", int, 0)
     which = spec.take("pairs", _which, "all")
@@ -61,7 +61,7 @@ def strecha(spec: Spec) -> Dataset:
     for scene in [root] if _is_scene(root) else folders_in(root):
         views: list[_View] = []
         with spec.whole(scene_name(scene)):
-            views = [_view(scene, path, depths) for path in images_in(_image_folder(scene))]
+            views = [_view(scene, path, depths) for path in images_to_pair(_image_folder(scene))]
         all_views += views
         for (i, a), (j, b) in combinations(enumerate(views), 2):
             if (which == "all" or i == 0) and (not step or j - i <= step):

@@ -11,7 +11,7 @@ from elf_eval.errors import EvalError
 from elf_eval.spec import Spec, comma_separated
 
 from .dataset import Dataset, Pair
-from .files import folders_in, images_in, is_image, scene_name
+from .files import folders_in, images_to_pair, is_image, scene_name
 from .images import ImageRef
 from .truth import Homography
 
@@ -23,8 +23,13 @@ def webcam(spec: Spec) -> Dataset:
 
     The first image of a scene, in natural order of the names, against each other one.  A FOLDER without
     folders in it is one scene.
+
+    Raises
+    ------
+    EvalError
+        Also where a scene has no image or only one.
     """
-    limit = spec.take("limit", int, 0)
+    limit = spec.take("limit", _at_least_two, None)
     pairs: list[Pair] = []
     root = spec.folder()
     wanted = comma_separated(spec.take("scenes", str, ""))
@@ -37,10 +42,16 @@ def webcam(spec: Spec) -> Dataset:
             continue
         name = scene_name(scene)
         with spec.whole(name):
-            refs = [ImageRef(f"{name}/{p.name}", p) for p in images_in(_image_folder(scene))]
-            refs = refs[:limit] if limit else refs
+            refs = [ImageRef(f"{name}/{p.name}", p) for p in images_to_pair(_image_folder(scene))[:limit]]
             pairs += [Pair(name, refs[0], other, Homography()) for other in refs[1:]]
     return Dataset("webcam", tuple(pairs))
+
+
+def _at_least_two(text: str) -> int:
+    number = int(text)
+    if number < 2:
+        raise ValueError("a scene's pairs need two images")
+    return number
 
 
 def _image_folder(scene: Path) -> Path:

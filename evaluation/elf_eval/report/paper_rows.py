@@ -86,12 +86,13 @@ def scene_tables(part: Selection, rows_of_paper: bool) -> list[Table]:
         if not there:
             continue
         deep = any("rep" in p.metrics for of_method in found.values() for p in of_method.values())
+        measured = {n for of_method in found.values() for n in there if _measured(of_method.get(n), deep)}
         rows = [[method, *_by_image([of_method.get(n) for n in at], deep)] for method, of_method in found.items()]
         rows += curve_rows(VIEWPOINT[scene], at, and_mean=True) if rows_of_paper else []
         what = "rep / ms" if deep else "ms by lines, having no depth"
         theirs = "" if deep or not rows_of_paper else "; the paper's: rep / ms by depth"
         caption = (
-            f"{part.title}, {name} ({len(there)} pair{'' if len(there) == 1 else 's'}): "
+            f"{part.title}, {name} ({pairs_text(len(measured), len(there))}): "
             f"{what} (keypoints of the image), of the first image against each other one{theirs}"
         )
         tables.append(Table(caption, ["method", *(f"{n:04.0f}" for n in at), "mean"], rows))
@@ -102,6 +103,11 @@ def image_number(pair: PairResult) -> float | None:
     """The number of a pair's second image, where the first one is 0000, as in Strecha's scenes; else None."""
     first, second = (PurePath(name).stem for name in (pair.first, pair.second))
     return float(second) if first.isdecimal() and int(first) == 0 and second.isdecimal() else None
+
+
+def pairs_text(measured: int, of: int) -> str:
+    """``9 pairs``, or ``5 of 9 pairs``."""
+    return f"{of if measured == of else f'{measured} of {of}'} pair{'' if of == 1 else 's'}"
 
 
 def score_text(score: Score | None) -> str:
@@ -116,10 +122,15 @@ def _by_image(pairs: Sequence[PairResult | None], deep: bool) -> list[str]:
     def cell(over: list[PairResult], count: float) -> str:
         return f"{' / '.join(short(summarize(over, metric)) for metric in metrics)} ({count:.0f})"
 
-    there = [p for p in pairs if p is not None and having([p], metrics[-1])]
+    there = [p for p in pairs if p is not None and _measured(p, deep)]
     counts = {p.second: float(p.metrics["n2"] or 0) for p in there}
     cells = [cell([p], counts[p.second]) if p in there else "-" for p in pairs]
     return [*cells, cell(there, sum(counts.values()) / len(there)) if there else "-"]
+
+
+def _measured(pair: PairResult | None, deep: bool) -> bool:
+    """Whether a pair has the scores of its scene's table."""
+    return pair is not None and bool(having([pair], "ms" if deep else "epi_ms"))
 
 
 def _any(curves: Curves) -> Curve:

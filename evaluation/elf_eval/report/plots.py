@@ -148,15 +148,22 @@ def _curve(
     name: str,
     pairs: Sequence[PairResult],
 ) -> None:
-    known = [(v, 100 * p.mean) for v, p in zip(x, points, strict=True) if p is not None]
-    if known:
+    if any(points):
         label = f"{wrapped(name, 28, 4)} ({_count(pairs)})"
-        axes.plot(*zip(*known, strict=True), label=label, **style(index))
+        draw_curve(axes, x, [None if p is None else p.mean for p in points], label, **style(index))
+
+
+def draw_curve(axes: Any, x: Sequence[float], shares: Sequence[float | None], label: str, **look: Any) -> None:
+    """A line through shares, in percent, with a gap where there is none."""
+    heights = [np.nan if share is None else 100 * share for share in shares]
+    axes.plot(x, heights, label=label, **look)
 
 
 def style(index: int) -> dict[str, Any]:
-    """The colour and marker of the method of this number."""
-    return {"color": f"C{index % 10}", "marker": "osD^vPX*<>"[index % 10]}
+    """The colour, marker and line of the method of this number: from the 11th on a colour comes with another two."""
+    again, number = divmod(index, 10)
+    marker = "osD^vPX*<>"[(number + 5 * again) % 10]
+    return {"color": f"C{number}", "marker": marker, "linestyle": ("-", (0, (3, 1, 1, 1)))[again % 2]}
 
 
 def draw_paper(

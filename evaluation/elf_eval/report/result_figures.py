@@ -11,6 +11,7 @@ from elf_eval.run.results import PairResult, Results
 from elf_eval.suite.paper import DATASETS, PAPER, TABLES
 
 from .method_names import wrapped
+from .paper_rows import pairs_text
 
 _OURS, _THEIRS = "#4477aa", "#bbbbbb"
 _METRICS = {"rep": "Repeatability (%)", "ms": "Matching score (%)"}
@@ -37,7 +38,7 @@ def bars(results: Results, dataset: str) -> Any:
     names = [wrapped(f"{name}\n{_count(pairs)}", 14, 5) for name, (pairs, _) in rows.items()]
     axes.set_xticks(range(len(rows)), names, fontsize=7)
     axes.set_xlabel("below the names: mean number of keypoints, of those measured here", fontsize=8)
-    figure.suptitle(title_of(results, dataset), fontsize=10)
+    figure.suptitle(_title(results, dataset, "rep"), fontsize=10)
     return figure
 
 
@@ -76,7 +77,7 @@ def components(results: Results, dataset: str) -> Any:
     axes.set_xlim(-0.6, len(names) - 0.4)
     _percent(axes, _METRICS["ms"])
     _legend(axes)
-    figure.suptitle(title_of(results, dataset), fontsize=10)
+    figure.suptitle(_title(results, dataset, "ms"), fontsize=10)
     return figure
 
 
@@ -106,10 +107,12 @@ def dataset_of(results: Results, name: str | None) -> str:
     return str(name)
 
 
-def title_of(results: Results, dataset: str) -> str:
-    """The dataset, with its numbers of pairs and scenes."""
+def _title(results: Results, dataset: str, metric: str) -> str:
+    """The dataset, with its numbers of pairs and scenes, and of those pairs that have the metric."""
     about = next(d for d in results.datasets if d["name"] == dataset)
-    return f"{dataset}: {about['pairs']} pairs of {about['scenes']} scene{'' if about['scenes'] == 1 else 's'}"
+    found = having((p for p in results.pairs if p.dataset == dataset), metric)
+    pairs = pairs_text(len({p.pair for p in found}), about["pairs"])
+    return f"{dataset}: {pairs} of {about['scenes']} scene{'' if about['scenes'] == 1 else 's'}"
 
 
 def _figure(width: float, height: float) -> Any:

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from elf_eval.run.averages import keypoints
+from elf_eval.run.averages import having, keypoints
 from elf_eval.run.results import PairResult, Results
 from elf_eval.suite.paper_logs import VIEWPOINT, scene_of
 
 from .method_names import wrapped
-from .paper_rows import THE_PAPER, image_number
-from .plots import draw_paper, style
-from .result_figures import title_of
+from .paper_rows import THE_PAPER, image_number, pairs_text
+from .plots import draw_curve, draw_paper, style
 
 _METRICS = {"rep": "Repeatability (%)", "ms": "Matching score (%)"}
 _BESIDE_PAPER = {
@@ -25,8 +24,9 @@ _WITHOUT_DEPTH = {"rep": "no repeatability without depth", "ms": "Matching score
 def viewpoint(results: Results, dataset: str) -> Any:
     """A column for each scene, over the second image of each pair: rep above, ms below (figure 8).
 
-    Where there is no depth, the matching score by epipolar lines stands for ms, and there is no rep.  Of Strecha's
-    three scenes the paper's curves are dashed beside ours, in the same colours.
+    Where there is no depth, the matching score by epipolar lines stands for ms, and there is no rep.  A line has a gap
+    at a pair that was not measured.  Of Strecha's three scenes the paper's curves are dashed beside ours, in the same
+    colours.
     """
     scenes = list(dict.fromkeys(p.scene for p in results.pairs if p.dataset == dataset))
     figure = _figure(4.2 * len(scenes) + 1.9, 6.4)
@@ -34,15 +34,18 @@ def viewpoint(results: Results, dataset: str) -> Any:
     legend: dict[str, Any] = {}
     every = {m["name"]: results.of(dataset, m["name"], "own") for m in results.methods}
     labels = [f"{wrapped(m, 24, 3)} ({keypoints(p).mean:.0f})" if p else m for m, p in every.items()]
+    drawn, there = 0, 0
     for column, scene in enumerate(scenes):
         pairs = dict(zip(labels, (_of_first(p, scene) for p in every.values()), strict=True))
+        numbers = _numbers(pairs)
+        drawn, there = drawn + numbers[0], there + numbers[1]
         for row, metric in enumerate(_METRICS):
             axes = panels[row][column]
             known = scene_of(scene)
             _panel(axes, metric, pairs, _BESIDE_PAPER if known else _WITHOUT_DEPTH)
             if known:
                 draw_paper(axes, metric, VIEWPOINT[known], results.methods, size=4)
-            axes.set_title(scene, fontsize=9)
+            axes.set_title(f"{scene}: {pairs_text(*numbers)}" if numbers[0] < numbers[1] else scene, fontsize=9)
             if places := [x for line in axes.lines for x in line.get_xdata()]:
                 axes.set_xlim(min(places) - 0.5, max(places) + 0.5)
             legend |= dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True))
@@ -54,7 +57,8 @@ def viewpoint(results: Results, dataset: str) -> Any:
         frameon=False,
         fontsize=8,
     )
-    title = f"{title_of(results, dataset)}; in brackets: mean number of keypoints"
+    over = f"{pairs_text(drawn, there)} of {len(scenes)} scene{'' if len(scenes) == 1 else 's'}"
+    title = f"{dataset}: {over}; in brackets: mean number of keypoints"
     figure.suptitle(wrapped(title, 45 * len(scenes), 3), fontsize=10)
     return figure
 
@@ -69,13 +73,12 @@ def _panel(axes: Any, metric: str, pairs: dict[str, list[PairResult]], without_d
     """One scene's curves of one metric, by their labels; `without_depth` are the axes' labels where there is none."""
     from matplotlib.ticker import MaxNLocator
 
-    deep = any("rep" in p.metrics for of_method in pairs.values() for p in of_method)
-    shown = metric if deep else "epi_ms" if metric == "ms" else None
+    deep = _deep(pairs)
+    shown = metric if deep else "epi_ms" if metric == "ms" else ""
     for number, (label, of_method) in enumerate(pairs.items()):
-        points = [(_place(p, n), p.metrics.get(shown)) for n, p in enumerate(of_method, start=1)] if shown else []
-        known = [(x, 100 * value) for x, value in points if value is not None]
-        if known:
-            axes.plot(*zip(*known, strict=True), markersize=4, label=label, **style(number))
+        if having(of_method, shown):
+            places = [_place(p, n) for n, p in enumerate(of_method, start=1)]
+            draw_curve(axes, places, [p.metrics.get(shown) for p in of_method], label, **style(number), markersize=4)
     axes.set_ylim(0, 100)
     axes.set_ylabel((_METRICS if deep else without_depth)[metric], fontsize=9)
     axes.set_xlabel("image, against the first one", fontsize=8)
@@ -83,6 +86,18 @@ def _panel(axes: Any, metric: str, pairs: dict[str, list[PairResult]], without_d
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(axis="y", alpha=0.3)
     axes.set_axisbelow(True)
+
+
+def _deep(pairs: dict[str, list[PairResult]]) -> bool:
+    """Whether a scene has depth, for one of its pairs at least."""
+    return any("rep" in p.metrics for of_method in pairs.values() for p in of_method)
+
+
+def _numbers(pairs: dict[str, list[PairResult]]) -> tuple[int, int]:
+    """How many pairs of a scene have a score that is drawn, and how many there are."""
+    metric = "ms" if _deep(pairs) else "epi_ms"
+    there = {p.pair for of_method in pairs.values() for p in of_method}
+    return len({p.pair for of_method in pairs.values() for p in having(of_method, metric)}), len(there)
 
 
 def _place(pair: PairResult, position: int) -> float:

@@ -30,11 +30,17 @@ def expand(text: str, own: Mapping[str, str]) -> str:
 
 
 def unexpand(text: str, own: Mapping[str, str]) -> str:
-    """`text` with ``${NAME}`` for the values of `own`'s names, where a value is a path or the beginning of one."""
+    """`text` with ``${NAME}`` for the values of `own`'s names, where a value is a path or the beginning of one.
+
+    A value that is a single word, such as "features", may stand in a sentence too: it is a path only before a slash, or
+    directly behind a kind's colon (``npz:features``).
+    """
     values = {name: expand("${" + name + "}", own).rstrip("/") for name in own}
     for name in sorted(filter(values.get, values), key=lambda name: -len(values[name])):
         # "." is one in "./a.onnx" before the slash alone, "models" is none in "my-models" and "a/models"
         whole = rf"(?<![\w./-]){re.escape(values[name])}(?![\w.-])"
+        if re.fullmatch(r"[\w.-]+", values[name]):
+            whole = rf"{whole}(?=/)|(?<=\w:){whole}"
         text = re.sub(whole, "${" + name + "}", text)
     return text
 

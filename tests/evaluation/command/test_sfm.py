@@ -12,6 +12,7 @@ from command_line import error_of
 
 from elf_eval.cli import main
 from elf_eval.data import open_dataset
+from elf_eval.errors import EvalError
 from elf_eval.metrics.pose import pose_error
 from elf_eval.run.results import Results
 from elf_eval.run.subsets import draw_subsets
@@ -137,6 +138,16 @@ def test_a_model_of_colmap_s_gives_the_same_truth(colmap_folder, room_folder):
         assert pose_error((a.rotation, a.translation), b.rotation, b.translation) < 0.5
         assert np.allclose(a.camera1, K)
     assert len(open_dataset(f"colmap:{colmap_folder}?shared=50&step=1").pairs) == COUNT - 1
+
+
+def test_a_model_without_a_pair_is_named(colmap_folder):
+    few = f"of its {COUNT} images no two at most 1 apart show 99999 of the same points"
+    with pytest.raises(EvalError, match=few):
+        open_dataset(f"colmap:{colmap_folder}?shared=99999&step=1")
+    incomplete = {}
+    with pytest.raises(EvalError, match="no pairs found"):
+        open_dataset(f"colmap:{colmap_folder}?shared=99999&step=1", incomplete)
+    assert few in incomplete[colmap_folder.name]
 
 
 def test_wide_stereo_by_the_suite(colmap_folder, tmp_path, monkeypatch):

@@ -104,6 +104,14 @@ def test_a_scene_s_images_one_by_one():
     assert theirs[-1] == "53.4 / 29.2"
 
 
+def test_a_scene_s_caption_counts_the_pairs_with_depth():
+    found = strecha({"entry-P10": 3}, PLACED)
+    found.pairs[1] = replace(found.pairs[1], metrics={"n1": 300, "n2": 300, **LINED, "epi_ms": 0.4})
+    *_, images = build(found, TableEntry("All"))
+    assert "entry-P10 (2 of 3 pairs): rep / ms" in images.caption
+    assert rows_of(images)["SIFT"][:3] == ["50.0 / 25.0 (300)", "-", "50.0 / 25.0 (300)"]
+
+
 def test_only_the_first_image_s_pairs_count():
     found = strecha({"entry-P10": 2}, PLACED)
     other = replace(found.pairs[0], first="entry-P10/0001.jpg", second="entry-P10/0002.jpg", metrics={"n1": 1, "n2": 1})

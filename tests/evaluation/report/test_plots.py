@@ -66,3 +66,22 @@ def test_long_names_leave_the_axes_room(plot, tmp_path):
         warnings.simplefilter("error")  # "constrained_layout not applied because axes sizes collapsed to zero"
         (path,) = plots.plot(results, TableEntry("All", plot=plot), tmp_path / "01")
     assert path.stat().st_size > 5000
+
+
+@pytest.mark.parametrize("kind", ["curves", "mma"])
+def test_twenty_methods_are_told_apart(kind, tmp_path, monkeypatch):
+    if not plots.available():
+        pytest.skip("matplotlib is not installed")
+    from matplotlib.figure import Figure
+
+    pairs = [pair("s", n, PLACED, method=f"m{i}", parameter=float(n)) for i in range(20) for n in (1, 2)]
+    figures = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: figures.append(self))
+    plots.plot(results(pairs, parameter="degrees"), TableEntry("All", plot=kind), tmp_path / "01")
+    lines = figures[0].axes[0].lines
+    assert len(lines) == 20
+    assert len({(line.get_color(), line.get_marker()) for line in lines}) == 20
+    assert len({(line.get_color(), line.is_dashed()) for line in lines}) == 20
+    dashed = [{**plots.style(number), "linestyle": "--"} for number in range(20)]  # as the paper's curves
+    assert len({(look["color"], look["marker"]) for look in dashed}) == 20
+    assert all(plots.style(number)["linestyle"] != "--" for number in range(20))

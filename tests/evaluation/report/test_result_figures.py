@@ -80,3 +80,17 @@ def test_a_dataset_is_named_where_there_are_several():
     two = replace(found, datasets=[*found.datasets, {**found.datasets[0], "name": "more"}])
     with pytest.raises(EvalError, match=r"one of \['set', 'more'\]$"):
         result_figures.dataset_of(two, None)
+
+
+def test_the_bars_title_counts_the_pairs_that_they_are_over():
+    found = results([pair("a", 1, PLACED), pair("a", 2, {"epi_ms": 0.4}), pair("b", 1, PLACED)])
+    for draw in (result_figures.bars, result_figures.components):
+        assert draw(found, "set").get_suptitle() == "set: 2 of 3 pairs of 2 scenes"
+
+
+def test_a_curve_has_a_gap_where_nothing_was_measured():
+    pairs = [pair("a", v, {} if v == 20.0 else PLACED, parameter=v) for v in (10.0, 20.0, 30.0)]
+    rep, ms = plots.curves(results(pairs, parameter="degrees"), "set").axes
+    for axes, value in ((rep, 50.0), (ms, 25.0)):
+        assert list(axes.lines[0].get_xdata()) == [10.0, 20.0, 30.0]
+        assert list(axes.lines[0].get_ydata()) == pytest.approx([value, float("nan"), value], nan_ok=True)

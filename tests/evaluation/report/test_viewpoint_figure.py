@@ -82,3 +82,16 @@ def test_of_several_scenes_each_method_has_one_label():
     figure = viewpoint(found, "set")
     assert labels(figure) == ["SIFT (220)"]  # 3 images of 100 and 2 of 400
     assert all(tick == int(tick) for axes in figure.axes for tick in axes.get_xticks())
+
+
+def test_where_there_is_no_depth_the_line_has_a_gap_and_the_pair_does_not_count():
+    shallow = {**LINED, "epi_ms": 0.4}
+    found = results([*entry(PLACED, (1, 2)), *entry(shallow, (3,)), *entry(PLACED, (4,)), pair("b", 1, PLACED)])
+    figure = viewpoint(found, "set")
+    for axes, value in ((figure.axes[0], 50.0), (figure.axes[2], 25.0)):
+        (ours,) = (line for line in axes.lines if line.get_label().startswith("SIFT"))
+        assert list(ours.get_xdata()) == [1, 2, 3, 4]
+        assert list(ours.get_ydata()) == pytest.approx([value, value, float("nan"), value], nan_ok=True)
+    assert figure.axes[0].get_title() == "entry-P10: 3 of 4 pairs"
+    assert figure.axes[1].get_title() == "b"
+    assert "set: 4 of 5 pairs of 2 scenes;" in " ".join(figure.get_suptitle().split())

@@ -61,3 +61,29 @@ def test_scenes_that_are_not_whole_are_left_out_where_that_is_asked_for(kind, tm
         incomplete = {}
         assert open_dataset(f"{text}?scenes={scenes[0]},nowhere", incomplete).scenes() == scenes[:1]
         assert "no scene 'nowhere'" in incomplete["nowhere"]
+
+
+@pytest.mark.parametrize("kind", ["webcam", "strecha"])
+def test_a_scene_of_one_image_is_named(kind, tmp_path, capsys):
+    write_publishers(tmp_path)
+    first, *others = sorted((tmp_path / kind).iterdir())
+    text = f"{kind}:{tmp_path / kind}"
+    _leave_one(first)
+    with pytest.raises(EvalError, match=rf"{first.name}.*: only one image here, .*; a scene's pairs need two$"):
+        open_dataset(text)
+    incomplete = {}
+    assert open_dataset(text, incomplete).scenes() == [scene.name for scene in others]
+    assert list(incomplete) == [first.name]
+    for scene in others:
+        _leave_one(scene)
+    path = tmp_path / "s.toml"
+    path.write_text(f"{METHOD}[[dataset]]\nname = 'D'\nspec = '{text}'\noptional = true\n")
+    told = error_of(["run", str(path), "--out", str(tmp_path / "o"), "--quiet"], capsys)
+    each = told[-len(others) - 1 :]
+    assert told[-len(each) - 1].endswith("none of the datasets is there")
+    assert all(f"/{kind}/" in line and "only one image here" in line for line in each)
+
+
+def _leave_one(scene):
+    for image in sorted(p for p in scene.rglob("*") if p.suffix in (".png", ".jpg"))[1:]:
+        image.unlink()

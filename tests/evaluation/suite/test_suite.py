@@ -97,6 +97,16 @@ def test_only_whole_paths_get_a_variable_s_name():
     assert suite.unexpand(text) == named
 
 
+def test_a_word_of_a_sentence_is_no_path():
+    entries = [MethodEntry("a", "sift")], [DatasetEntry("d", "synthetic:x")]
+    suite = Suite(*entries, variables={"ELF_FEATURES": "features", "ELF_SET": "colmap:photos", "DEEP": "data/deep"})
+    text = "surf: not here, or read the features from disk. No features. features: none, (features), one for features"
+    assert suite.unexpand(text) == text
+    paths = "npz:features?a=b: no features/surf (features/lift); npz:features: none; colmap:photos: data/deep/a"
+    named = "npz:${F}?a=b: no ${F}/surf (${F}/lift); npz:${F}: none; ${ELF_SET}: ${DEEP}/a"
+    assert suite.unexpand(paths) == named.replace("${F}", "${ELF_FEATURES}")
+
+
 PART = """
 note = "Weights."
 [variables]

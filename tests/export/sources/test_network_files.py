@@ -64,10 +64,8 @@ def test_xception_from_every_generation_of_keras(write: Callable[[Tensors], Tens
     assert all((fitted[name] == tensors[name]).all() for name in tensors)
 
 
-def test_lfnet_from_a_checkpoint_s_variables() -> None:
-    network = get_network("lfnet")
-    shapes = network.tensor_shapes(network.layers)
-    tensors = seeded_weights(shapes)
+def lfnet_variables(tensors: Tensors) -> Tensors:
+    """The same under a checkpoint's names, without the convolutions' biases."""
     roles = {
         "weight": "gamma",
         "bias": "beta",
@@ -82,11 +80,44 @@ def test_lfnet_from_a_checkpoint_s_variables() -> None:
             variables[f"{scope}/{roles[role]}"] = value
         elif value.ndim == 4:
             variables[f"{scope}/weights"] = value.transpose(2, 3, 1, 0)
+    return variables
+
+
+def test_lfnet_from_a_checkpoint_s_variables() -> None:
+    network = get_network("lfnet")
+    shapes = network.tensor_shapes(network.layers)
+    tensors = seeded_weights(shapes)
+    variables = lfnet_variables(tensors)
     fitted = network.fit(variables, shapes)
     convs = [name for name in shapes if not name.split(".")[-2].endswith("-bn")]
     assert all((fitted[n] == (0 if n.endswith(".bias") and n in convs else tensors[n])).all() for n in shapes)
     with pytest.raises(WeightsError, match="lack block-2"):
         network.fit({k: v for k, v in variables.items() if "block-2" not in k}, shapes)
+
+
+@pytest.mark.parametrize("slot", ["Adam/{}/Adam", "Adam/{}", "AdamOptimizer_1/{}", "{}/Adam_1", "{}/Momentum",
+                                  "a/b/{}", "My{}", "a/My{}", "{}/ExponentialMovingAverage"])  # fmt: skip
+@pytest.mark.parametrize("outer", ["", "net/"])
+def test_an_optimiser_s_slots_are_not_lfnet_s_weights(slot: str, outer: str) -> None:
+    network = get_network("lfnet")
+    shapes = network.tensor_shapes(network.layers)
+    variables = lfnet_variables(seeded_weights(shapes))
+    slots = {slot.format(name): np.full_like(value, 9) for name, value in variables.items()}
+    fitted = network.fit(slots | {f"{outer}{name}": value for name, value in variables.items()}, shapes)
+    alone = network.fit(variables, shapes)
+    assert all(np.array_equal(fitted[name], alone[name]) for name in shapes)
+    with pytest.raises(WeightsError, match="lack init_conv"):
+        network.fit(slots, shapes)
+
+
+def test_several_variables_for_one_of_lfnet_s_are_named() -> None:
+    network = get_network("lfnet")
+    shapes = network.tensor_shapes(network.layers)
+    variables = lfnet_variables(seeded_weights(shapes))
+    twice = variables | {f"teacher/{name}": value for name, value in variables.items()}
+    named = r"init_conv\.weight: ConvOnlyResNet/init_conv/weights, teacher/ConvOnlyResNet/init_conv/weights$"
+    with pytest.raises(WeightsError, match=named):
+        network.fit(twice, shapes)
 
 
 @pytest.mark.parametrize("prefix", ["", "backbone."])

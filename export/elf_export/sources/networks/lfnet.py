@@ -8,13 +8,14 @@ convolution), ``blockB-bn`` (the normalisation behind it), ``blockB`` (the sum).
 
 The trained weights are TensorFlow checkpoints, which are read without TensorFlow; ``--weights NAME.index``, with
 ``NAME.data-00000-of-00001`` beside it, is all that is needed.  Of their variables those of the scope ``ConvOnlyResNet``
-are the detector's.
+are the detector's, but for an optimiser's slots.
 
 The released models' slope of the leaky ReLU is 0.2 and the normalisations' epsilon TensorFlow's 1e-3.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -23,6 +24,7 @@ import numpy.typing as npt
 import torch
 from torch.nn import functional as F
 
+from elf_export.errors import WeightsError
 from elf_export.preprocessing import Preprocessing
 from elf_export.sources.weights.fit import shaped
 
@@ -59,16 +61,23 @@ _ARCHITECTURE = Architecture(_parts(), forward, channels=1)
 
 _SCOPE = "ConvOnlyResNet"
 _NORM = {"weight": "gamma", "bias": "beta", "running_mean": "moving_mean", "running_var": "moving_variance"}
+_CONV = {"weight": "weights|kernel", "bias": "biases|bias"}
+# A scope of an optimiser's, whose variables have the names and shapes of the weights.
+_SLOTS = r"(?i:[^/]*(adam|adagrad|adadelta|momentum|rmsprop|ftrl|optimi[sz]er|slot|movingaverage)[^/]*)"
 
 
 def fit(
     tensors: Mapping[str, npt.NDArray[Any]], shapes: Mapping[str, tuple[int, ...]]
 ) -> dict[str, npt.NDArray[np.float32]]:
-    """A checkpoint's variables (``ConvOnlyResNet/block-1/conv1/...``), or our own names, under our names.
+    """A checkpoint's variables (``[OUTER/]ConvOnlyResNet/block-1/conv1/weights``), or our own names, under our names.
 
     A convolution without a bias gets a zero one, a normalisation without scale or shift 1 or 0.
+
+    Raises
+    ------
+    WeightsError
+        Naming a tensor that is missing, of another shape, or for which there are several variables.
     """
-    tensors = {name: value for name, value in tensors.items() if f"{_SCOPE}/" in name} or tensors
     fitted = {}
     for name, shape in shapes.items():
         value = tensors.get(name)
@@ -82,15 +91,24 @@ def fit(
 def _variable(
     tensors: Mapping[str, npt.NDArray[Any]], part: str, role: str, shape: tuple[int, ...]
 ) -> npt.NDArray[Any] | None:
-    scope = f"/{part.replace('.', '/')}/"
-    inside = {name: value for name, value in tensors.items() if scope in f"/{name}"}
-    if part.endswith("-bn"):
-        found = [value for name, value in inside.items() if name.endswith(_NORM[role])]
-        neutral = {"weight": np.ones(shape, np.float32), "bias": np.zeros(shape, np.float32)}
-    else:
-        found = [value for value in inside.values() if value.ndim == len(shape)]
-        neutral = {"bias": np.zeros(shape, np.float32)}
-    return found[0] if found else neutral.get(role) if inside else None
+    """A part's variable, or what stands for one that the part does without; None where nothing of the part is there."""
+    roles = _NORM if part.endswith("-bn") else _CONV
+    found = _named(tensors, part, roles[role])
+    if len(found) > 1:
+        raise WeightsError(f"several variables could be {part}.{role}: {', '.join(sorted(found))}")
+    if found:
+        return tensors[found[0]]
+    neutral = {"bias": np.zeros(shape, np.float32)}
+    if roles is _NORM:
+        neutral["weight"] = np.ones(shape, np.float32)
+    return neutral.get(role) if _named(tensors, part, "|".join(roles.values())) else None
+
+
+def _named(tensors: Mapping[str, npt.NDArray[Any]], part: str, own: str) -> list[str]:
+    """The variables of a part that end in one of the names `own`: below one outer and one inner scope at most."""
+    scope = f"((?!{_SLOTS}/)[^/]+/)?"
+    name = re.compile(f"{scope}{_SCOPE}/{re.escape(part.replace('.', '/'))}/{scope}({own})")
+    return [found for found in tensors if name.fullmatch(found)]
 
 
 NETWORK = Network(
