@@ -101,19 +101,22 @@ def _saliency(args: argparse.Namespace, texts: list[str], draw: Callable[..., An
     out, settings, path = _picture(args), protocol(args, Protocol()), Path(args.image)
     set_threads(args.threads)
     image = ImageRef(path.name, path).open(settings.size)
-    seen = []
-    for text in texts:
-        method = open_method(text, args.threads)
-        if not isinstance(method, (Elf, Gradient)):
-            raise EvalError(f"{text}: a saliency map is of elf:FILE.onnx, sobel or laplacian")
-        seen.append(saliency_figures.seen_by(method, image, settings.max_keypoints))
+    methods = [_with_saliency(text, args.threads) for text in texts]
     if args.crop is not None:
         x, y, width, height = args.crop
         if x + width > image.size[0] or y + height > image.size[1]:
             raise EvalError(f"--crop reaches out of the image, which has {image.size[0]}x{image.size[1]} pixels")
+    seen = [saliency_figures.seen_by(method, image, settings.max_keypoints) for method in methods]
     out.parent.mkdir(parents=True, exist_ok=True)
     write_picture(out, draw(image, seen, args.crop))
     print(args.out)
+
+
+def _with_saliency(text: str, threads: int | None) -> Elf | Gradient:
+    method = open_method(text, threads)
+    if not isinstance(method, (Elf, Gradient)):
+        raise EvalError(f"{text}: a saliency map is of elf:FILE.onnx, sobel or laplacian")
+    return method
 
 
 def _matches(args: argparse.Namespace) -> None:
@@ -121,8 +124,8 @@ def _matches(args: argparse.Namespace) -> None:
     set_threads(args.threads)
     cache, rows = FeatureCache(resources(args).cache), []
     pixels1, pixels2 = (ref.open(settings.size).pixels for ref in (pair.first, pair.second))
-    for text in args.detector:
-        method = open_methods(text, args.descriptor, args.threads)
+    methods = [open_methods(text, args.descriptor, args.threads) for text in args.detector]
+    for text, method in zip(args.detector, methods, strict=True):
         first, second = (cache.get(method, ref, settings)[1] for ref in (pair.first, pair.second))
         title, own = text.rpartition("/")[2], method.protocol(settings)
         rows.append(draw_matches(pixels1, pixels2, first, second, pair, own, title))

@@ -85,6 +85,19 @@ def test_what_can_t_be_drawn_is_one_error(photo_file, tmp_path, capsys):
     assert "160x120" in line
 
 
+def test_a_missing_model_is_named_before_any_other_works(photo_file, hpatches_folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("elf_eval.command.figures.saliency_figures.seen_by", lambda *_: pytest.fail("worked"))
+    monkeypatch.setattr("elf_eval.command.figures.FeatureCache.get", lambda *_: pytest.fail("worked"))
+    out, missing = ["-o", str(tmp_path / "l.png"), *SMALL], f"elf:{tmp_path / 'no.onnx'}"
+    for name in ("layers", "gradients"):
+        models = ["--model", f"elf:{TINY}", "--model", missing]
+        (line,) = error_of(["figures", name, "--image", str(photo_file), *models, *out], capsys)
+        assert "no such file" in line
+    pair = ["--dataset", f"hpatches:{hpatches_folder}", "--pair", "v_turn/1.png - v_turn/3.png"]
+    (line,) = error_of(["figures", "matches", *pair, "--detector", "sift", "--detector", missing, *out], capsys)
+    assert "no such file" in line
+
+
 @pytest.mark.skipif(not plots.available(), reason="matplotlib is not installed")
 def test_a_suite_says_whose_curves_stand_beside_whose(hpatches_folder, tmp_path, monkeypatch):
     """Results by hand, drawn and reported with the suite of the paper's scale."""
