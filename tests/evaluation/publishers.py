@@ -35,11 +35,16 @@ def write_publishers(root: Path) -> dict[str, str]:
 
 
 def write_features(variables: dict[str, str], dataset: str, names: list[str]) -> None:
-    """SIFT's features as another program's, of every image of a dataset, for each of `names`."""
+    """SIFT's features as another program's, of every image of a dataset, for each of `names`.
+
+    NAME-at-elf are at the keypoints of the suites' ELF-VGG.
+    """
     sift = open_method("sift", 1)
+    elf = open_method(f"elf:{variables['ELF_MODELS']}/elf-vgg.onnx?preset=paper-components&descriptor=pool3", 1)
     for ref in open_dataset(dataset).images():
-        found = sift.extract(ref.open((320, 240)), 60)
+        image = ref.open((320, 240))
         for name in names:
+            found = (elf if name.endswith("-at-elf") else sift).extract(image, 60)
             path = Path(variables["ELF_FEATURES"], name, f"{ref.name}.npz")
             path.parent.mkdir(parents=True, exist_ok=True)
             np.savez(path, keypoints=found.keypoints, scores=found.scores, descriptors=found.descriptors)

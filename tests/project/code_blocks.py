@@ -125,14 +125,21 @@ def blocks_of(page: str) -> list[Block]:
 
 
 def spans_in(text: str) -> Iterator[tuple[int, bool, tuple[str, ...]]]:
-    """Our commands with arguments in running text and in tables: line, whether a row begins with it, and words."""
+    """Our commands with arguments in running text and in tables: line, whether it is whole, and words.
+
+    Whole are those that a row begins with, and those of a column that is called command.
+    """
     lines = text.splitlines()
     inside = {n for piece in pieces(lines) for n in range(piece.line - 1, piece.line + piece.text.count("\n"))}
+    header: list[str] = []  # of the table that the line is in
     for n, line in enumerate(lines):
+        header = (header or [cell.strip() for cell in line.split("|")]) if line.startswith("|") else []
         for match in SPAN.finditer("" if n in inside else line):
+            column = len(re.findall(r"(?<!\\)\|", line[: match.start()]))
+            whole = bool(re.fullmatch(r"\| *", line[: match.start()])) or header[column : column + 1] == ["command"]
             for words in commands_of(match["code"].replace("\\|", "|"))[0]:
                 if len(words) > 1 and words[0].startswith("elf-"):
-                    yield n + 1, bool(re.fullmatch(r"\| *", line[: match.start()])), words
+                    yield n + 1, whole, words
 
 
 def pages() -> list[str]:

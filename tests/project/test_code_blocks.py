@@ -43,8 +43,8 @@ def test_the_commands_of_a_page_can_be_parsed(page: str, capsys: pytest.CaptureF
     for block in blocks_of(page):
         for words in block.commands:
             check_command(words, block.place, capsys)
-    for line, begins_a_row, words in spans_in((ROOT / page).read_text(encoding="utf-8")):
-        if begins_a_row:
+    for line, whole, words in spans_in((ROOT / page).read_text(encoding="utf-8")):
+        if whole:
             check_command(words, f"{page}:{line}", capsys)
         options = {word.partition("=")[0] for word in words if re.match(r"--?[a-zA-Z]", word)}
         unknown = options - options_of(parser(words[0]), words)
@@ -116,6 +116,16 @@ def test_commands_in_running_text_and_tables() -> None:
         (1, True, ("elf-info", "a", "--json")),
         (1, False, ("elf-info", "b")),
         (2, False, ("elf-info", "c")),
+    ]
+
+
+def test_commands_in_a_column_of_commands_are_whole() -> None:
+    text = "| a | command | b |\n| - | - | - |\n| x | say `elf-info a`, `elf-info b` | `elf-info c` |\n\n`elf-info d`\n"
+    assert [(words[1], whole) for _, whole, words in spans_in(text)] == [
+        ("a", True),
+        ("b", True),
+        ("c", False),
+        ("d", False),
     ]
 
 

@@ -16,7 +16,7 @@ from elf_eval.methods import open_method, open_methods
 from elf_eval.methods.elf import Elf
 from elf_eval.methods.gradient import Gradient
 from elf_eval.protocol import Protocol
-from elf_eval.report import plots, result_figures, saliency_figures, viewpoint_figure
+from elf_eval.report import experiments, plots, result_figures, saliency_figures, viewpoint_figure
 from elf_eval.report.pictures import draw_matches
 from elf_eval.run.cache import FeatureCache
 from elf_eval.run.results import Results
@@ -30,22 +30,34 @@ from .outputs import check_folder
 from .report import with_rows
 
 _OF_RESULTS = {
-    "bars": (result_figures.bars, "repeatability and matching score beside the paper's (figure 5)"),
-    "curves": (plots.curves, "the same over angle or scale, beside the paper's (figures 6 and 7)"),
-    "viewpoint": (viewpoint_figure.viewpoint, "the same over the images of each of Strecha's scenes (figure 8)"),
-    "components": (result_figures.components, "detector and descriptor apart, beside the paper's (figure 9)"),
+    "bars": (
+        result_figures.bars,
+        experiments.check_generic,
+        "repeatability and matching score beside the paper's (figure 5)",
+    ),
+    "curves": (plots.curves, None, "the same over angle or scale, beside the paper's (figures 6 and 7)"),
+    "viewpoint": (
+        viewpoint_figure.viewpoint,
+        experiments.check_viewpoint,
+        "the same over the images of each of Strecha's scenes (figure 8)",
+    ),
+    "components": (
+        result_figures.components,
+        experiments.check_generic,
+        "detector and descriptor apart, beside the paper's (figure 9)",
+    ),
 }
 
 
 def add_parser(commands: Subcommands) -> None:
     parser = commands.add_parser("figures", help="the paper's figures as pictures")
     figures = parser.add_subparsers(required=True, metavar="FIGURE", help="which; each has its own --help")
-    for name, (of_results, text) in _OF_RESULTS.items():
+    for name, (of_results, check, text) in _OF_RESULTS.items():
         figure = _figure(figures, name, text, _of_results)
         figure.add_argument("results", help="results.json of elf-eval run")
         figure.add_argument("--dataset", help="which, where there are several")
         figure.add_argument("--suite", help="whose rows of the paper stand beside the results' methods")
-        figure.set_defaults(draw=of_results)
+        figure.set_defaults(draw=of_results, check=check)
     for name, text, draw in (
         ("layers", "saliency, threshold and keypoints of each model (figures 1, 2, appendix)", _layers),
         ("gradients", "Sobel, Laplacian and each model's saliency, with keypoints", _gradients),
@@ -80,7 +92,10 @@ def _of_results(args: argparse.Namespace) -> None:
     out, results = _picture(args), Results.load(Path(args.results))
     if args.suite:
         results = with_rows(results, load_suite(Path(args.suite)))
-    figure = args.draw(results, result_figures.dataset_of(results, args.dataset))
+    dataset = result_figures.dataset_of(results, args.dataset)
+    if args.check is not None:
+        args.check(results, dataset)
+    figure = args.draw(results, dataset)
     out.parent.mkdir(parents=True, exist_ok=True)
     try:
         figure.savefig(out, dpi=130, metadata={"Software": None} if out.suffix == ".png" else None)
@@ -101,19 +116,22 @@ def _saliency(args: argparse.Namespace, texts: list[str], draw: Callable[..., An
     out, settings, path = _picture(args), protocol(args, Protocol()), Path(args.image)
     set_threads(args.threads)
     image = ImageRef(path.name, path).open(settings.size)
-    seen = []
-    for text in texts:
-        method = open_method(text, args.threads)
-        if not isinstance(method, (Elf, Gradient)):
-            raise EvalError(f"{text}: a saliency map is of elf:FILE.onnx, sobel or laplacian")
-        seen.append(saliency_figures.seen_by(method, image, settings.max_keypoints))
+    methods = [_with_saliency(text, args.threads) for text in texts]
     if args.crop is not None:
         x, y, width, height = args.crop
         if x + width > image.size[0] or y + height > image.size[1]:
             raise EvalError(f"--crop reaches out of the image, which has {image.size[0]}x{image.size[1]} pixels")
+    seen = [saliency_figures.seen_by(method, image, settings.max_keypoints) for method in methods]
     out.parent.mkdir(parents=True, exist_ok=True)
     write_picture(out, draw(image, seen, args.crop))
     print(args.out)
+
+
+def _with_saliency(text: str, threads: int | None) -> Elf | Gradient:
+    method = open_method(text, threads)
+    if not isinstance(method, (Elf, Gradient)):
+        raise EvalError(f"{text}: a saliency map is of elf:FILE.onnx, sobel or laplacian")
+    return method
 
 
 def _matches(args: argparse.Namespace) -> None:
@@ -121,8 +139,8 @@ def _matches(args: argparse.Namespace) -> None:
     set_threads(args.threads)
     cache, rows = FeatureCache(resources(args).cache), []
     pixels1, pixels2 = (ref.open(settings.size).pixels for ref in (pair.first, pair.second))
-    for text in args.detector:
-        method = open_methods(text, args.descriptor, args.threads)
+    methods = [open_methods(text, args.descriptor, args.threads) for text in args.detector]
+    for text, method in zip(args.detector, methods, strict=True):
         first, second = (cache.get(method, ref, settings)[1] for ref in (pair.first, pair.second))
         title, own = text.rpartition("/")[2], method.protocol(settings)
         rows.append(draw_matches(pixels1, pixels2, first, second, pair, own, title))

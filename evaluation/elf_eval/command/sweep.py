@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import json
+from pathlib import Path
 
 from elf_eval.protocol import Protocol
-from elf_eval.report.sweep import sweep_table
+from elf_eval.report.sweep import sweep_json, sweep_table
 from elf_eval.run.sweep import sweep
 from elf_eval.suite.grid import grid_methods, parse_grid
 from elf_runtime.commands.options import positive
 
 from .options import Subcommands, add_protocol, add_resources, natural, protocol, resources
+from .outputs import check_folder, say_written
 
 
 def add_parser(commands: Subcommands) -> None:
@@ -36,6 +39,14 @@ def add_parser(commands: Subcommands) -> None:
     parser.add_argument("--top", type=positive, default=5, help="report so many (%(default)s)")
     parser.add_argument("--limit", type=positive, help="try only so many settings, drawn at random")
     parser.add_argument("--seed", type=natural, default=0, help="of the draw (%(default)s)")
+    parser.add_argument(
+        "-o",
+        "--output",
+        "--out",
+        dest="out",
+        metavar="FOLDER",
+        help="folder of what is printed, and of sweep.json with the command and protocol",
+    )
     add_protocol(parser)
     add_resources(parser)
     parser.set_defaults(action=_sweep)
@@ -44,8 +55,16 @@ def add_parser(commands: Subcommands) -> None:
 def _sweep(args: argparse.Namespace) -> None:
     texts = grid_methods(args.model, parse_grid(args.grid), args.limit, args.seed)
     tune = args.tune.split(",") if args.tune else None
-    found = sweep(
-        texts, args.dataset, args.metric, args.top, protocol(args, Protocol()), resources(args), tune, args.beside
-    )
-    print(f"{len(texts)} settings; the last line is the reference of the gain")
-    print(sweep_table(found, args.metric))
+    settings, out = protocol(args, Protocol()), Path(args.out) if args.out else None
+    if out is not None:
+        check_folder(out)
+    found = sweep(texts, args.dataset, args.metric, args.top, settings, resources(args), tune, args.beside)
+    table = f"{len(texts)} settings; the last line is the reference of the gain\n{sweep_table(found, args.metric)}"
+    print(table)
+    if out is not None:
+        about = {"command": args.command_line, "dataset": args.dataset, "metric": args.metric, "settings": len(texts)}
+        about |= {"protocol": settings.to_dict(), "trials": sweep_json(found)}
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "sweep.txt").write_text(f"{table}\n", encoding="utf-8")
+        (out / "sweep.json").write_text(json.dumps(about, indent=1), encoding="utf-8")
+        say_written(out, ["sweep.txt", "sweep.json"])

@@ -22,6 +22,7 @@ from .paper_rows import THE_PAPER, has_rows
 from .selection import Selection, selections
 
 _BRACKETS = "in brackets: mean number of keypoints"
+_MOST_TICKS = 10  # there is room for so many angles or factors below a panel
 _REP, _MS = "#4477aa", "#ee7733"  # a pair that colour-blind readers can tell apart
 
 
@@ -110,6 +111,8 @@ def _curves(part: Selection, theirs: Curves | None = None) -> Any:
             _curve(axes, i, part.parameters, points, name, pairs)
         draw_paper(axes, metric, theirs or {}, part.methods)
         axes.set_xlabel(part.dataset["parameter"])
+        if len(part.parameters) <= _MOST_TICKS:
+            axes.set_xticks(part.parameters, [f"{value:g}" for value in part.parameters])
         axes.set_title(metric, fontsize=9)
         _percent(axes)
     panels[0].set_ylabel("%")

@@ -20,6 +20,7 @@ from .pair_log import PairLog
 from .progress import Progress
 from .provenance import about_dataset, about_method, now, versions
 from .results import PairResult, Results
+from .same_keypoints import check_keypoints
 from .workers import run_all
 
 Features = dict[tuple[str, ImageRef], CachedFeatures]  # by method and image
@@ -87,6 +88,7 @@ def run(
         datasets = [(entry, dataset.only(scenes)) for entry, dataset in datasets]
     refs = list(dict.fromkeys(ref for _, dataset in datasets for ref in dataset.images()))
     methods, skipped = _usable(suite, resources, refs, shared)
+    _try_keypoints(suite, [method.entry for method in methods], refs, resources)
     features = _extract(suite, [method.entry for method in methods], refs, resources, shared)
     finished = PairLog(log)
     pairs: list[PairResult] = []
@@ -112,7 +114,9 @@ def extracted(
 ) -> tuple[dict[str, Protocol], Features, list[dict[str, str]]]:
     """By every method that can be opened, its protocol and the images' features; and which can't, with the reasons."""
     methods, skipped = _usable(suite, resources, refs, shared=False)
-    features = _extract(suite, [method.entry for method in methods], list(refs), resources, shared=False)
+    entries = [method.entry for method in methods]
+    _try_keypoints(suite, entries, list(refs), resources)
+    features = _extract(suite, entries, list(refs), resources, shared=False)
     return {method.entry.name: method.protocol for method in methods}, features, skipped
 
 
@@ -190,6 +194,15 @@ def _usable(
     return usable, skipped
 
 
+def _try_keypoints(suite: Suite, entries: list[MethodEntry], refs: list[ImageRef], resources: Resources) -> None:
+    """Let methods that describe another's keypoints be checked on the first image, before the work on all of them."""
+    there = {entry.name for entry in entries}
+    bound = [entry for entry in entries if entry.keypoints_of in there]
+    wanted = {name for entry in bound for name in (entry.name, entry.keypoints_of)}
+    if bound:
+        _extract(suite, [entry for entry in entries if entry.name in wanted], refs[:1], resources, shared=False)
+
+
 def _extract(
     suite: Suite, entries: list[MethodEntry], refs: list[ImageRef], resources: Resources, shared: bool
 ) -> Features:
@@ -205,6 +218,8 @@ def _extract(
     cached = run_all(extract_features, extractions, resources.workers, resources.threads)
     for (entry, ref), done in zip(keys, cached, strict=True):
         features[entry.name, ref] = done
+        if (of := features.get((entry.keypoints_of or "", ref))) is not None:
+            check_keypoints(entry, ref, done, of)
         progress.step(f"{entry.name}: {ref.name}")
     return features
 

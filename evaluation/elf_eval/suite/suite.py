@@ -29,6 +29,8 @@ class MethodEntry:
         Where it can't be opened, leave it out, and say why in the report.
     family : str
         Methods of one family have the same marker in `elf-eval pareto`.
+    keypoints_of : str, optional
+        The method above whose keypoints this one describes: a run that finds others in its files ends there.
     """
 
     name: str
@@ -37,6 +39,7 @@ class MethodEntry:
     paper: str | None = None
     optional: bool = False
     family: str = "methods"
+    keypoints_of: str | None = None
 
     def __post_init__(self) -> None:
         if self.paper is not None and self.paper not in PAPER:
@@ -135,6 +138,10 @@ class Suite:
             raise EvalError("a run needs at least one method and one dataset")
         methods = _unique([m.name for m in self.methods], "method")
         datasets = _unique([d.name for d in self.datasets], "dataset")
+        for number, method in enumerate(self.methods):
+            above = [m.name for m in self.methods[:number]]
+            if method.keypoints_of is not None and method.keypoints_of not in above:
+                raise EvalError(f"method {method.name!r}: keypoints_of {method.keypoints_of!r} is no method above it")
         for table in self.tables:
             _known(table.methods, methods, f"table {table.title!r}: method")
             _known(table.datasets, datasets, f"table {table.title!r}: dataset")

@@ -48,25 +48,26 @@ class Parser(argparse.ArgumentParser):
             return self._near_option(word)
         if message.startswith("the following arguments are required: "):
             given = [word.partition("=")[0] for word in self._words if word.startswith("--")]
-            unknown = next((word for word in given if word not in set(_options(self))), "")
+            unknown = next((word for word in given if word not in set(_options(self, self._words))), "")
             return f" ({unknown} is unknown{near})" if (near := self._near_option(unknown)) else ""
         choice = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)$", message)
         return suggestion(choice[1], re.findall(r"[\w.:-]+", choice[2])) if choice else ""
 
     def _near_option(self, word: str) -> str:
         """As `suggestion`, for the hyphens that all options begin with make none alike."""
-        names = {option.lstrip("-"): option for option in _options(self)}
+        names = {option.lstrip("-"): option for option in _options(self, self._words)}
         near = get_close_matches(word.lstrip("-"), names, n=1)
         return f"; did you mean {names[near[0]]!r}?" if near else ""
 
 
-def _options(parser: argparse.ArgumentParser) -> Iterator[str]:
-    """The options of a parser and of its subcommands."""
+def _options(parser: argparse.ArgumentParser, words: Sequence[str]) -> Iterator[str]:
+    """The options of a parser and of its subcommands; where the words name one of these, of that one alone."""
     for action in parser._actions:
         yield from action.option_strings
         if isinstance(action, argparse._SubParsersAction):
-            for below in action.choices.values():
-                yield from _options(below)
+            named = [word for word in words if word in action.choices]
+            for name in named[:1] or action.choices:
+                yield from _options(action.choices[name], words)
 
 
 class _PrintCompletion(argparse.Action):

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from command_line import error_of
+from publishers import write_publishers
 
 from elf_eval.cli import main
 from elf_eval.report import plots
@@ -61,10 +62,12 @@ def test_matches_of_a_pair_method_by_method(hpatches_folder, tmp_path):
 
 @pytest.mark.skipif(not plots.available(), reason="matplotlib is not installed")
 def test_figures_of_results(results, hpatches_folder, tmp_path, capsys):
-    for name in ("bars", "viewpoint", "components"):
+    for name in ("bars", "components"):
         assert picture(["figures", name, results], tmp_path / f"{name}.png").std() > 5
     (line,) = error_of(["figures", "curves", results, "-o", str(tmp_path / "c.png")], capsys)
     assert "no angle or scale" in line
+    (line,) = error_of(["figures", "viewpoint", results, "-o", str(tmp_path / "v.png")], capsys)
+    assert "this figure is for scenes with cameras" in line
     (line,) = error_of(["figures", "bars", results, "-o", str(tmp_path / "c.nope")], capsys)
     assert line.startswith(f"{tmp_path / 'c.nope'}: ")
 
@@ -85,8 +88,21 @@ def test_what_can_t_be_drawn_is_one_error(photo_file, tmp_path, capsys):
     assert "160x120" in line
 
 
+def test_a_missing_model_is_named_before_any_other_works(photo_file, hpatches_folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("elf_eval.command.figures.saliency_figures.seen_by", lambda *_: pytest.fail("worked"))
+    monkeypatch.setattr("elf_eval.command.figures.FeatureCache.get", lambda *_: pytest.fail("worked"))
+    out, missing = ["-o", str(tmp_path / "l.png"), *SMALL], f"elf:{tmp_path / 'no.onnx'}"
+    for name in ("layers", "gradients"):
+        models = ["--model", f"elf:{TINY}", "--model", missing]
+        (line,) = error_of(["figures", name, "--image", str(photo_file), *models, *out], capsys)
+        assert "no such file" in line
+    pair = ["--dataset", f"hpatches:{hpatches_folder}", "--pair", "v_turn/1.png - v_turn/3.png"]
+    (line,) = error_of(["figures", "matches", *pair, "--detector", "sift", "--detector", missing, *out], capsys)
+    assert "no such file" in line
+
+
 @pytest.mark.skipif(not plots.available(), reason="matplotlib is not installed")
-def test_a_suite_says_whose_curves_stand_beside_whose(hpatches_folder, tmp_path, monkeypatch):
+def test_a_suite_says_whose_curves_stand_beside_whose(hpatches_folder, tmp_path, monkeypatch, capsys):
     """Results by hand, drawn and reported with the suite of the paper's scale."""
     where = ["--dataset", f"scale:{hpatches_folder}?factors=1.25,2", "--detector", "sift", "--out", str(tmp_path)]
     rest = ["--cache", str(tmp_path / "c"), "--quiet", "--size", "160x120", "--threads", "1"]
@@ -103,8 +119,24 @@ def test_a_suite_says_whose_curves_stand_beside_whose(hpatches_folder, tmp_path,
     monkeypatch.setattr(plots, "draw_paper", lambda *a: (draw(*a), colours.append(a[0].lines[2].get_color())))
     picture(["figures", "curves", results], tmp_path / "alone.png")
     picture(["figures", "curves", results, "--suite", str(suite)], tmp_path / "joined.png")
+    capsys.readouterr()
+    for name in ("bars", "components"):
+        (line,) = error_of(["figures", name, results, "-o", str(tmp_path / "b.png")], capsys)
+        assert "not for scale; elf-eval figures curves is for those" in line
     assert colours == ["C2", "C2", "C0", "C0"]  # the paper's SIFT, its second, beside our only one
     assert main(["report", results, "--suite", str(suite)]) == 0
     page = (tmp_path / "README.md").read_text()
     assert "| the paper: SIFT | 72.5 / 51.4 | 70.4 / 50.7 |" in page
     assert "116 scenes in the paper: its columns are for orientation" in page
+
+
+@pytest.mark.skipif(not plots.available(), reason="matplotlib is not installed")
+def test_the_figure_of_viewpoint_is_of_cameras(tmp_path, capsys):
+    variables = write_publishers(tmp_path)
+    where = ["--dataset", f"strecha:{variables['ELF_STRECHA']}?pairs=first", "--detector", "sift", "--quiet"]
+    assert main(["run", *where, "--cache", str(tmp_path / "c"), "--out", str(tmp_path / "o"), *SMALL]) == 0
+    results = str(tmp_path / "o" / "results.json")
+    capsys.readouterr()
+    assert picture(["figures", "viewpoint", results], tmp_path / "v.png").std() > 5
+    (line,) = error_of(["figures", "bars", results, "-o", str(tmp_path / "b.png")], capsys)
+    assert "not for scenes with cameras; elf-eval figures viewpoint is for those" in line

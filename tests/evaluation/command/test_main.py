@@ -94,3 +94,20 @@ def test_an_abbreviated_option_of_a_subcommand_is_refused(capsys):
     with pytest.raises(SystemExit):
         main(["report", "results.json", "--sui", "s.toml"])
     assert "unrecognized arguments: --sui" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [
+        (["sweep", "--planes", "4"], None),
+        (["sweep", "--limits", "4"], "--limit"),
+        (["depth", "--plane", "4"], "--planes"),
+    ],
+)
+def test_only_options_of_the_subcommand_are_suggested(given, meant, capsys):
+    required = {"sweep": ["--model", "sobel", "--dataset", "x"], "depth": ["x", "--out", "o"]}[given[0]]
+    with pytest.raises(SystemExit):
+        main([*given, *required])
+    error = capsys.readouterr().err.rstrip()
+    assert f"unrecognized arguments: {given[1]}" in error
+    assert error.endswith(f"; did you mean {meant!r}?") if meant else "did you mean" not in error

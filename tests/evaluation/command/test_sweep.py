@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 from command_line import error_of
 
@@ -24,6 +26,28 @@ def test_sweep_chooses_on_some_scenes_and_reports_on_others(hpatches_folder, tmp
     assert lines[-1].endswith("sobel")
     assert main(["sweep", "--model", "sobel", "--grid", "speed=3", *where, *rest]) == 1
     assert "unknown setting 'speed'" in capsys.readouterr().err
+
+
+def test_a_sweep_leaves_its_table_and_the_same_as_data(hpatches_folder, tmp_path, capsys):
+    where = ["--dataset", f"hpatches:{hpatches_folder}", "--metric", "rep", "--size", "160x120", "--top", "1"]
+    command = ["sweep", "--model", "sobel", "--grid", "nms_radius=4/10", *where, "--cache", str(tmp_path / "c")]
+    out = tmp_path / "new" / "o"
+    assert main([*command, "--quiet", "--out", str(out)]) == 0
+    printed = capsys.readouterr()
+    assert (out / "sweep.txt").read_text() == printed.out
+    assert printed.err.endswith(f"written: {out}/sweep.txt, sweep.json\n")
+    found = json.loads((out / "sweep.json").read_text(), parse_constant=pytest.fail)
+    assert found["command"].startswith("elf-eval sweep --model sobel")
+    assert (found["metric"], found["settings"], found["protocol"]["size"]) == ("rep", 3, [160, 120])
+    for trial, line in zip(found["trials"], printed.out.splitlines()[2:], strict=True):
+        held, gain = trial["held_out"], trial["gain"]
+        assert held["low"] is held["high"] is gain["p"] is None  # one scene has no interval
+        assert line.split()[:3] == [f"{100 * trial['tuned']['mean']:.1f}", f"{100 * held['mean']:.1f}",
+                                    f"{100 * gain['mean']:+.1f}"]  # fmt: skip
+        count = trial["count"]
+        assert line.split()[3:] == [f"{count['mean']:.0f}", f"({count['least']})", trial["text"]]
+    (line,) = error_of([*command, "--out", str(out / "sweep.txt")], capsys)
+    assert line == f"{out / 'sweep.txt'} is not a folder"
 
 
 def test_sweeps_count_the_settings_of_a_range(hpatches_folder, tmp_path, capsys):

@@ -72,6 +72,17 @@ def test_curves_have_the_paper_s_dashed_beside_them():
     assert len(plots.curves(other, "set").axes[0].lines) == 1
 
 
+def test_curves_have_their_ticks_at_the_factors():
+    factors = [1.25, 1.5, 1.75, 2.0]
+    pairs = [pair("a", n, PLACED, parameter=value) for n, value in enumerate(factors)]
+    for axes in plots.curves(results(pairs, parameter="scale"), "set").axes:
+        assert list(axes.get_xticks()) == factors
+        assert [label.get_text() for label in axes.get_xticklabels()] == ["1.25", "1.5", "1.75", "2"]
+    many = [pair("a", value, PLACED, parameter=float(value)) for value in range(0, 360, 10)]
+    figure = plots.curves(results(many, parameter="rotation (degrees)"), "set")
+    assert len(figure.axes[0].get_xticks()) < 36
+
+
 def test_a_dataset_is_named_where_there_are_several():
     found = results([pair("a", 1, PLACED)])
     assert result_figures.dataset_of(found, None) == "set"
