@@ -25,6 +25,8 @@ def paper_facts(results: Results) -> list[str]:
         return []
     kinds = {experiment(d) for d in results.datasets}
     facts = ["The paper's columns: rep / ms; -: it has no such row; not given: its figure is not known here."]
+    if "generic" in kinds:
+        facts.append("Of the paper's numbers of keypoints only the limit of 500 is known here.")
     if kinds & {"scale", "rotation", "viewpoint"}:
         facts.append(
             f"The paper's {' and '.join(k for k in ('rotation', 'scale', 'viewpoint') if k in kinds)}: from the logs "

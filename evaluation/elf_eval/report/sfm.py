@@ -41,7 +41,7 @@ def _table(dataset: str, size: int, each: dict[str, list[Reconstruction]]) -> Ta
     scenes = len({one.scene for one in subsets})
     caption = f"{dataset}, {size} images ({_number(len(subsets), 'subset')} of {_number(scenes, 'scene')})"
     at = " / ".join(map(str, MAP_THRESHOLDS))
-    header = ["method", f"mAP@{at}", "images placed", "points", "images a point"]
+    header = ["method", "keypoints (least)", f"mAP@{at}", "images placed", "points", "images a point"]
     return Table(caption, header, [[name, *_cells(found)] for name, found in each.items()])
 
 
@@ -51,7 +51,9 @@ def _number(count: int, what: str) -> str:
 
 def _cells(found: Sequence[Reconstruction]) -> list[str]:
     made = [one for one in found if one.points]
+    counts = list({name: n for one in found for name, n in zip(one.images, one.keypoints, strict=True)}.values())
     return [
+        f"{sum(counts) / len(counts):.0f} ({min(counts)})",
         " / ".join(f"{100 * value:.1f}" for value in mean_average_precision(found)),
         f"{sum(one.placed for one in found)} of {sum(len(one.images) for one in found)}",
         f"{sum(one.points for one in found) / len(found):.0f}",

@@ -48,6 +48,8 @@ class Reconstruction:
     points : int
     track_length : float
         Images that see a point, on average; 0 without points.
+    keypoints : list of int
+        Of each image.
     """
 
     scene: str
@@ -56,6 +58,7 @@ class Reconstruction:
     placed: int
     points: int
     track_length: float
+    keypoints: list[int]
 
 
 def reconstruct(
@@ -76,10 +79,10 @@ def reconstruct(
     model = _model(subset, features, cameras, names, protocol)
     errors = [_error(pair, features, model, names) for pair in known]
     points, length = (len(model.xyz), model.track_length) if model else (0, 0.0)
-    scene = known[0].scene
-    return Reconstruction(
-        scene, tuple(ref.name for ref in subset), errors, len(model.poses) if model else 0, points, length
-    )
+    counts = [len(features[ref].features.keypoints) for ref in subset]
+    placed = len(model.poses) if model else 0
+    images = tuple(ref.name for ref in subset)
+    return Reconstruction(known[0].scene, images, errors, placed, points, length, counts)
 
 
 def _pose(pair: Pair, features: Mapping[ImageRef, ImageFeatures]) -> Pose:

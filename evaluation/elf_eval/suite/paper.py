@@ -80,8 +80,15 @@ TABLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
             *(f"{detector}{network}" for network in _HYBRIDS for detector in ("ELF-", "Sobel + ", "Laplacian + ")),
         ),
         "robustness": LOGGED,
-        "ELF's descriptor": ("ELF-VGG, pool3", *(f"{name} + ELF's descriptor" for name in _COMPARED)),
-        "ELF's keypoints": ("ELF-VGG, pool3", *(f"{name} at ELF's keypoints" for name in _COMPARED)),
+        "ELF's descriptor": (
+            "ELF-VGG, pool3",
+            *(row for name in _COMPARED for row in (name, f"{name} + ELF's descriptor")),
+            "TILDE",  # which has no descriptor of its own
+        ),
+        "ELF's keypoints": (
+            "ELF-VGG, pool3",
+            *(row for name in _COMPARED for row in (f"{name} at ELF's keypoints", name)),
+        ),
     }
 )
 

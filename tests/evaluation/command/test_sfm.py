@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import cv2
@@ -50,9 +51,16 @@ def test_few_images_are_placed_where_they_were(found):
             assert one["placed"] == each["size"]
             assert len(one["errors"]) == each["size"] * (each["size"] - 1) // 2
             assert max(one["errors"]) < 2.0  # degrees
+            assert len(one["keypoints"]) == each["size"]
+            assert all(0 < count <= 512 for count in one["keypoints"])
     page = (out / "sfm.md").read_text()
     assert "Not measured: 10 images of room/room" in page
     assert "100.0 / 100.0 / 100.0 / 100.0 / 100.0" in page
+    counts = {n for size in studied for one in size["subsets"] for n in one["keypoints"]}
+    cells = re.findall(r"\| sift\?ratio=0\.8 \| (\d+) \((\d+)\) \|", page)
+    assert len(cells) == 2
+    assert min(int(least) for _, least in cells) == min(counts)
+    assert all(min(counts) <= int(mean) <= max(counts) for mean, _ in cells)
 
 
 @pytest.mark.parametrize("option", [["--counts", "equal"], ["--count-floor", "9"], ["--eps", "3"]])

@@ -1,4 +1,4 @@
-"""The commands in the table of docs/reproduce-the-paper.md run as printed, on miniatures by the names of the page."""
+"""The commands in the table of docs/reproduce.md run as printed, on miniatures by the names of the page."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from elf_eval.report import plots
 from helpers import ROOT
 from project.code_blocks import spans_in
 
-PAGE = (ROOT / "docs" / "reproduce-the-paper.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "reproduce.md").read_text(encoding="utf-8")
 # The table's, without the name of the program.
 COMMANDS = [list(words[1:]) for _, whole, words in spans_in(PAGE) if whole and words[0] == "elf-eval"]
 FOLDERS = {
