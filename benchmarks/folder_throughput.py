@@ -49,7 +49,7 @@ def compare(folder: Path, rounds: int, options: Sequence[str], preset: str | Non
     elf = ElfRuntime(threads=threads)
     params, spec = elf.params(preset), elf.contract.descriptor()
     decoded = [read(path) for path in paths]
-    prepared = [elf._prepare(pixels, params).levels[0].pixels for pixels in decoded]
+    prepared = [elf._prepare(pixels, params).image[0].pixels for pixels in decoded]
 
     def network() -> None:
         for _ in overlapped(lambda pixels: elf._network.run([pixels], spec), prepared, workers):
