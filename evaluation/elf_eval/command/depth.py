@@ -11,7 +11,7 @@ from elf_eval.run.depth_maps import WITHIN, depth_maps, save
 from elf_eval.run.workers import set_threads
 from elf_runtime.commands.options import positive
 
-from .options import Subcommands
+from .options import Subcommands, add_out
 from .outputs import check_folder
 
 
@@ -22,10 +22,9 @@ def add_parser(commands: Subcommands) -> None:
     parser.add_argument("--planes", type=_planes, default=PLANES, help="depths that are tried (%(default)s)")
     parser.add_argument("--threads", type=positive, help="all cores")
     parser.add_argument("-q", "--quiet", action="store_true", help="no progress lines")
-    parser.add_argument(
-        "-o", "--output", "--out", dest="out", metavar="FOLDER", required=True,
-        help="writes SCENE/STEM.depth.npy; strecha:FOLDER reads it there, strecha:...?depth=FOLDER from elsewhere",
-    )  # fmt: skip
+    add_out(
+        parser, "writes SCENE/STEM.depth.npy; strecha:FOLDER reads it there, strecha:...?depth=FOLDER from elsewhere"
+    )
     parser.set_defaults(action=_depth)
 
 

@@ -25,7 +25,7 @@ from elf_eval.suite.file import load_suite
 from elf_runtime.pictures.canvas import stacked
 from elf_runtime.pictures.file import write_picture
 
-from .options import Subcommands, add_protocol, add_resources, protocol, resources
+from .options import Subcommands, add_out, add_protocol, add_resources, protocol, resources
 from .outputs import check_folder
 from .report import with_rows
 
@@ -81,7 +81,7 @@ def _figure(
     figures: Subcommands, name: str, text: str, action: Callable[[argparse.Namespace], None]
 ) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = figures.add_parser(name, help=text)
-    parser.add_argument("-o", "--output", "--out", dest="out", metavar="FILE", required=True, help=".png, .jpg")
+    add_out(parser, ".png, .jpg", metavar="FILE")
     parser.set_defaults(action=action)
     return parser
 

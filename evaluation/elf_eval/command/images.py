@@ -10,22 +10,14 @@ from elf_eval.data.images import written_name
 from elf_eval.protocol import Protocol
 from elf_runtime.pictures.file import write_picture
 
-from .options import Subcommands, image_size, protocol
+from .options import Subcommands, add_out, image_size, protocol
 from .outputs import check_folder
 
 
 def add_parser(commands: Subcommands) -> None:
     parser = commands.add_parser("images", help="write a dataset's images as evaluated, for another program's features")
     parser.add_argument("dataset", help="kind:FOLDER[?option=value&...]")
-    parser.add_argument(
-        "-o",
-        "--output",
-        "--out",
-        dest="out",
-        metavar="FOLDER",
-        required=True,
-        help="folder of the images; each gets its name in the dataset, as .png",
-    )
+    add_out(parser, "folder of the images; each gets its name in the dataset, as .png")
     parser.add_argument("--size", type=image_size, help="WIDTHxHEIGHT or source")
     parser.set_defaults(action=_images)
 

@@ -39,6 +39,12 @@ def protocol(args: argparse.Namespace, base: Protocol) -> Protocol:
     return Protocol.from_dict({**vars(base), **{k: v for k, v in changes.items() if v is not None}})
 
 
+def add_out(parser: argparse.ArgumentParser, text: str, metavar: str = "FOLDER", required: bool = True) -> None:
+    """`args.out`: where the results go."""
+    names = ("-o", "--output", "--out")
+    parser.add_argument(*names, dest="out", metavar=metavar, required=required, help=text)
+
+
 def add_resources(parser: argparse.ArgumentParser) -> None:
     """The options that `resources` reads."""
     group = parser.add_argument_group("resources")

@@ -20,7 +20,7 @@ from elf_eval.suite.file import load_suite
 from elf_runtime.commands.options import positive
 from elf_runtime.files.write import unwritable
 
-from .options import Subcommands
+from .options import Subcommands, add_out
 from .outputs import check_folder
 
 
@@ -31,15 +31,7 @@ def add_parser(commands: Subcommands) -> None:
     parser.add_argument("suite", help="TOML file: the methods to time; [groups] of scenes for a second table")
     parser.add_argument("results", help="results.json of elf-eval run with that suite: the quality")
     parser.add_argument("--image", required=True, help="photograph to time on, resized as the datasets' images are")
-    parser.add_argument(
-        "-o",
-        "--output",
-        "--out",
-        dest="out",
-        metavar="FOLDER/NAME",
-        required=True,
-        help="FOLDER/NAME: writes NAME.json, NAME.md and NAME.png",
-    )
+    add_out(parser, "FOLDER/NAME: writes NAME.json, NAME.md and NAME.png", metavar="FOLDER/NAME")
     parser.add_argument(
         "--metrics",
         type=comma_separated,

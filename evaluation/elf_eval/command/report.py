@@ -11,7 +11,7 @@ from elf_eval.run.results import Results
 from elf_eval.suite.file import load_suite
 from elf_eval.suite.suite import Suite
 
-from .options import Subcommands
+from .options import Subcommands, add_out
 from .outputs import check_folder, say_written
 
 
@@ -19,9 +19,7 @@ def add_parser(commands: Subcommands) -> None:
     parser = commands.add_parser("report", help="tables, plots and page of a results file, again")
     parser.add_argument("results", help="results.json of elf-eval run")
     parser.add_argument("--suite", help="its title, notes, tables and rows of the paper")
-    parser.add_argument(
-        "-o", "--output", "--out", dest="out", metavar="FOLDER", help="by default the folder of the results"
-    )
+    add_out(parser, "by default the folder of the results", required=False)
     parser.set_defaults(action=_report)
 
 

@@ -11,7 +11,7 @@ from elf_eval.run.runner import open_datasets, run
 from elf_eval.suite.suite import Suite
 
 from .by_hand import add_by_hand, is_by_hand, load, suite_by_hand
-from .options import Subcommands, add_protocol, add_resources, resources
+from .options import Subcommands, add_out, add_protocol, add_resources, resources
 from .outputs import check_folder, say_written
 
 
@@ -23,9 +23,7 @@ def add_parser(commands: Subcommands) -> None:
         help="TOML files: methods, datasets, protocol, tables, pictures; each into OUT/NAME",
     )
     add_by_hand(parser)
-    parser.add_argument(
-        "-o", "--output", "--out", dest="out", metavar="FOLDER", required=True, help="folder of the results"
-    )
+    add_out(parser, "folder of the results")
     add_protocol(parser)
     add_resources(parser)
     parser.set_defaults(action=_run)

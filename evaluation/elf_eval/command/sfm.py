@@ -11,7 +11,7 @@ from elf_eval.run.sfm_study import study
 from elf_runtime.commands.options import positive
 
 from .by_hand import add_by_hand, is_by_hand, load, suite_by_hand
-from .options import Subcommands, add_protocol, add_resources, natural, protocol, resources
+from .options import Subcommands, add_out, add_protocol, add_resources, natural, protocol, resources
 from .outputs import check_folder, say_written
 
 
@@ -24,9 +24,7 @@ def add_parser(commands: Subcommands) -> None:
     )
     parser.add_argument("--subsets", type=positive, default=10, help="of each size and scene (%(default)s)")
     parser.add_argument("--seed", type=natural, default=0, help="of the draw (%(default)s)")
-    parser.add_argument(
-        "-o", "--output", "--out", dest="out", metavar="FOLDER", required=True, help="folder of the results"
-    )
+    add_out(parser, "folder of the results")
     add_protocol(parser, scores=False)
     add_resources(parser)
     parser.set_defaults(action=_sfm)

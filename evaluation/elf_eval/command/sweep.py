@@ -12,7 +12,7 @@ from elf_eval.run.sweep import sweep
 from elf_eval.suite.grid import grid_methods, parse_grid
 from elf_runtime.commands.options import positive
 
-from .options import Subcommands, add_protocol, add_resources, natural, protocol, resources
+from .options import Subcommands, add_out, add_protocol, add_resources, natural, protocol, resources
 from .outputs import check_folder, say_written
 
 
@@ -39,14 +39,7 @@ def add_parser(commands: Subcommands) -> None:
     parser.add_argument("--top", type=positive, default=5, help="report so many (%(default)s)")
     parser.add_argument("--limit", type=positive, help="try only so many settings, drawn at random")
     parser.add_argument("--seed", type=natural, default=0, help="of the draw (%(default)s)")
-    parser.add_argument(
-        "-o",
-        "--output",
-        "--out",
-        dest="out",
-        metavar="FOLDER",
-        help="folder of what is printed, and of sweep.json with the command and protocol",
-    )
+    add_out(parser, "folder of what is printed, and of sweep.json with the command and protocol", required=False)
     add_protocol(parser)
     add_resources(parser)
     parser.set_defaults(action=_sweep)

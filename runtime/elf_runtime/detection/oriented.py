@@ -58,7 +58,8 @@ class Oriented:
         for number in np.unique(level):
             own, patches = level == number, self.patches[number]
             points = self.images[number].scaling.to_working(places[own])
-            found = patches.angles(points, zooms[own])
-            turned[own] = np.where(turned[own] < 0, found, turned[own])
+            lost = turned[own] < 0
+            if lost.any():
+                turned[np.flatnonzero(own)[lost]] = patches.angles(points[lost], zooms[own][lost])
             descriptors[own] = patches.at(points, turned[own], zooms[own])
         return turned, descriptors

@@ -102,8 +102,10 @@ class Maps:
             sizes, angles = np.array([(point.size, point.angle) for point in points], np.float32).T
         if params.oriented:
             oriented = self._oriented(levels, params, spec)
-            found = oriented.sizes(0, levels[0].scaling.to_working(where))
-            return oriented.described(where, np.where(sizes > 0, sizes, found), np.where(angles >= 0, angles, -1))[1]
+            lost = ~(sizes > 0)
+            if lost.any():
+                sizes[lost] = oriented.sizes(0, levels[0].scaling.to_working(where[lost]))
+            return oriented.described(where, sizes, np.where(angles >= 0, angles, -1))[1]
         descriptors = np.zeros((count, spec.dim), np.float32)
         level = np.where(sizes > 0, nearest_level(sizes, levels, params.nms_radius), 0)
         for number in np.unique(level):
