@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from .refine import parabola_tops
+
 Array = npt.NDArray[np.float32]
 Wide = npt.NDArray[np.float64]
 
@@ -87,7 +89,5 @@ def _peaks(histogram: Wide) -> Array:
     """Degrees of the highest bin of each, the first of equal ones: the top of the parabola through its neighbours."""
     row, top = np.arange(len(histogram)), histogram.argmax(axis=1)
     before, at, after = (histogram[row, (top + shift) % BINS] for shift in (-1, 0, 1))
-    curvature = before - 2 * at + after
-    shift = np.divide(before - after, 2 * curvature, out=np.zeros(len(top)), where=curvature < 0)
-    degrees = np.asarray((top + shift) * (360 / BINS) % 360, np.float32)
+    degrees = np.asarray((top + parabola_tops(before, at, after)) * (360 / BINS) % 360, np.float32)
     return np.where(degrees < 360, degrees, np.float32(0))  # float32 may round up to it

@@ -40,6 +40,12 @@ def quadratic_peaks(scores: Array, points: npt.NDArray[np.int64]) -> Array:
     return (points + steps).astype(np.float32)
 
 
+def parabola_tops(before: Float, at: Float, after: Float) -> Float:
+    """(N,): where the parabolas through three values are highest, from the middle ones; 0 where one has no top."""
+    curvature = before - 2 * at + after
+    return np.divide(before - after, 2 * curvature, out=np.zeros(len(at)), where=curvature < 0)
+
+
 def _differences(around: Float) -> tuple[Float, Float]:
     """(N, 2) of first and second order along x and y."""
     before, after = (np.stack([around[:, 1, i], around[:, i, 1]], axis=1) for i in (0, 2))

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from .refine import quadratic_peaks
+from .refine import parabola_tops, quadratic_peaks
 
 Array = npt.NDArray[np.float32]
 Wide = npt.NDArray[np.float64]
@@ -55,7 +55,7 @@ class ScaleSpace:
         is_peak = (inner >= before) & (inner > after)
         best = np.where(is_peak, inner, -1.0).argmax(axis=0)
         own = (best, np.arange(len(points)))
-        inside: Wide = self._octaves[best + 1] + _top(before[own], inner[own], after[own]) / _STEPS
+        inside: Wide = self._octaves[best + 1] + parabola_tops(before[own], inner[own], after[own]) / _STEPS
         end = np.where(inner[0] >= inner[-1], -OCTAVES, OCTAVES)
         return np.clip(np.where(is_peak.any(axis=0), inside, end), -OCTAVES, OCTAVES)
 
@@ -104,9 +104,3 @@ def _read(maps: Array, points: Array) -> Wide:
     above = maps[:, y, x] * (1 - across) + maps[:, y, right] * across
     under = maps[:, below, x] * (1 - across) + maps[:, below, right] * across
     return np.asarray(above * (1 - down) + under * down, np.float64)
-
-
-def _top(before: Wide, at: Wide, after: Wide) -> Wide:
-    """Where the parabola through three values is highest, from the middle one; 0 where it has no top."""
-    curvature = before - 2 * at + after
-    return np.divide(before - after, 2 * curvature, out=np.zeros(len(at)), where=curvature < 0)
