@@ -13,6 +13,7 @@ from elf_runtime.errors import ElfError, first_line
 from elf_runtime.params import DetectionParams
 
 from .bundled import read_bundled
+from .heap import trim_heap
 from .outputs import check_map, check_saliency
 from .providers import Provider, computes_int8, is_cpu, resolve_providers
 from .sessions import Sessions
@@ -114,6 +115,8 @@ class Network:
         except Exception as error:  # onnxruntime's own exceptions share no base of theirs
             given, why = next(iter(feed.values())).shape, first_line(error)
             raise ElfError(f"{self.name}: the network failed on a {given} input: {why}") from error
+        if options is not None:
+            trim_heap()
         return dict(zip(names, values, strict=True))
 
     def expect(

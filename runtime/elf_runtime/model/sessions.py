@@ -14,6 +14,7 @@ import onnxruntime as ort
 from elf_runtime.errors import ModelError, first_line
 
 from .forking import forgets_when_forked
+from .heap import trim_heap
 from .onnx_file import has_external_data
 from .ort_format import is_ort_format
 from .providers import is_cpu
@@ -179,10 +180,12 @@ class Sessions:
             self._open.pop((self._all, None, False), None)
         mine = [key for key in self._open if key[0] == wanted]
         others = list(dict.fromkeys(key[1] for key in reversed(mine) if key[1] != size))
-        for key in mine:
-            if key[1] in others[max(0, self._sizes * self._levels - 1) :]:
-                del self._open[key]
-                self._pixels.pop(key, None)
+        dropped = [key for key in mine if key[1] in others[max(0, self._sizes * self._levels - 1) :]]
+        for key in dropped:
+            del self._open[key]
+            self._pixels.pop(key, None)
+        if dropped:
+            trim_heap()
 
 
 def _tensors(records: Sequence[ort.NodeArg]) -> list[TensorInfo]:
