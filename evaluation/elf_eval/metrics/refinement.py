@@ -43,7 +43,4 @@ def refined_points(first: ImageFeatures, second: ImageFeatures, matches: Pairs, 
     (K, 2) float64
         (x, y) in pixels of the second image.
     """
-    count = len(matches)
-    # What the places do not depend on: how much each match is worth.
-    paired = Matches(matches, np.zeros(count, np.float32), np.ones(count, np.float32))
-    return refine(paired, as_runtime(first), as_runtime(second), *images).astype(np.float64)
+    return refine(Matches.of(matches), as_runtime(first), as_runtime(second), *images).astype(np.float64)
