@@ -15,9 +15,9 @@ from elf_eval.protocol import Protocol
 from elf_runtime.checks.greedy import Pairs
 
 from .matching import descriptor_distances, mutual_nearest
-from .refinement import Pixels, refined_points
 
 Record = dict[str, float | None]
+Refinement = Callable[[Pairs], Float]  # of (K, 2) matches, the second image's points in pixels, (K, 2)
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class FeaturePair:
 
     Attributes
     ----------
-    images : two (H, W, 3) uint8 BGR, optional
+    refined : function, optional
         Needed where the protocol refines matches.
     """
 
@@ -36,7 +36,7 @@ class FeaturePair:
     second: ImageFeatures
     truth: WorkingTruth
     protocol: Protocol
-    images: tuple[Pixels, Pixels] | None = None
+    refined: Refinement | None = None
 
     @cached_property
     def is_described(self) -> bool:
@@ -61,8 +61,8 @@ class FeaturePair:
             side.features.keypoints[index].astype(np.float64) for side, index in zip(sides, matches, strict=True)
         )
         if self.protocol.refine:
-            assert self.images is not None
-            second = refined_points(*sides, self.matches, self.images)
+            assert self.refined is not None
+            second = self.refined(self.matches)
         return first, second
 
 

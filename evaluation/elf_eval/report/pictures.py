@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from elf_eval.methods import open_methods
 from elf_eval.metrics.family import FeaturePair
 from elf_eval.protocol import Protocol
 from elf_eval.run.cache import FeatureCache
+from elf_eval.run.refinement import refined_points
 from elf_eval.run.results import Results
 from elf_eval.run.runner import Resources
 from elf_eval.suite.suite import Suite
@@ -81,7 +83,8 @@ def draw_matches(
         for x, y in points:
             cv2.circle(canvas, _at(x + shift, y), 2, _BLUE, -1, cv2.LINE_AA)
     truth = pair.truth.at(first.to_working, second.to_working)
-    measured = FeaturePair(first, second, truth, protocol, (pixels1, pixels2))
+    refined = partial(refined_points, first, second, (pixels1, pixels2))
+    measured = FeaturePair(first, second, truth, protocol, refined)
     p1, p2 = measured.matched_points if measured.is_described else (np.zeros((0, 2)), np.zeros((0, 2)))
     forward = truth.forward
     error = np.full(len(p1), np.nan) if forward is None else np.linalg.norm(forward(p1) - p2, axis=1)

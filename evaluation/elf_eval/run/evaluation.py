@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 from elf_eval.data import Dataset, Pair
@@ -16,12 +16,13 @@ from elf_eval.features import ImageFeatures
 from elf_eval.fingerprint import code_digest
 from elf_eval.metrics.family import Record
 from elf_eval.metrics.pair import CODE, pair_metrics, rounded
-from elf_eval.metrics.refinement import CODE as REFINEMENT
 from elf_eval.protocol import Protocol
 from elf_runtime import ElfError
 
 from .cache import load
 from .extraction import CachedFeatures
+from .refinement import CODE as REFINED
+from .refinement import refined_points
 
 
 @dataclass(frozen=True)
@@ -50,12 +51,12 @@ class PairEvaluation:
 
 def evaluate_pair(evaluation: PairEvaluation) -> Record:
     """The pair's metrics, from the cached features alone, or with the images where the protocol refines matches."""
-    first, second = (_load(path) for path in (evaluation.first, evaluation.second))
-    limit1, limit2 = evaluation.limits
+    paths = (evaluation.first, evaluation.second)
+    first, second = (_load(path).first(limit) for path, limit in zip(paths, evaluation.limits, strict=True))
     pair, protocol = evaluation.pair, evaluation.protocol
     try:
-        images = pair.pixels(protocol.size) if protocol.refine else None
-        return rounded(pair_metrics(first.first(limit1), second.first(limit2), pair.truth, protocol, images))
+        refined = partial(refined_points, first, second, pair.pixels(protocol.size)) if protocol.refine else None
+        return rounded(pair_metrics(first, second, pair.truth, protocol, refined))
     except (EvalError, ElfError) as error:
         raise EvalError(f"{pair.name}: {error}") from error
 
@@ -104,5 +105,5 @@ def pair_evaluations(
 
 def _settings(protocol: Protocol) -> str:
     """What a pair's metrics depend on, beside its features and ground truth."""
-    code = code_digest(*CODE, *(REFINEMENT if protocol.refine else ()))
+    code = code_digest(*(REFINED if protocol.refine else CODE))
     return json.dumps([protocol.to_dict() | {"counts": None, "count_floor": None}, code])

@@ -23,12 +23,12 @@ from elf_eval.errors import EvalError
 from elf_eval.features import ImageFeatures
 from elf_eval.metrics.matching import descriptor_distances, mutual_nearest
 from elf_eval.metrics.pose import pose_error
-from elf_eval.metrics.refinement import as_runtime
 from elf_eval.protocol import Protocol
 from elf_runtime import ElfError
 from elf_runtime.pictures.file import write_picture
 from elf_runtime.reconstruction import Calibration, Camera, Model, map_database, write_database
 
+from .refinement import as_runtime
 from .subsets import Subset
 
 THREADS = 1  # of the mapper: on several, which pair of images it begins with depends on their timing

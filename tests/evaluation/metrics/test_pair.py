@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -11,16 +12,14 @@ from scenes import SMALL
 
 from elf_eval.coordinates import warp
 from elf_eval.data import open_dataset
-from elf_eval.data.images import ImageRef
-from elf_eval.data.truth import Calibrated, Homography, WorkingTruth
+from elf_eval.data.truth import Calibrated, Homography
 from elf_eval.errors import EvalError
 from elf_eval.features import ImageFeatures, LocalFeatures
 from elf_eval.methods import open_method
-from elf_eval.metrics.family import FeaturePair
 from elf_eval.metrics.pair import pair_metrics
-from elf_eval.metrics.refinement import as_runtime
 from elf_eval.protocol import Protocol
 from elf_eval.run.cache import extract
+from elf_eval.run.refinement import refined_points
 from helpers import textured
 
 PROTOCOL = Protocol()
@@ -154,6 +153,10 @@ def test_all_metrics_of_a_pair_of_the_same_image(hpatches_folder):
     assert record["h_inliers"] == record["matches"] > 10
 
 
+def by(first, second, images):
+    return partial(refined_points, first, second, images)
+
+
 def test_refined_matches_are_nearer_to_the_truth_and_no_score_of_the_paper_s_changes(rng):
     """Keypoints of a shifted image that are off by a pixel; the shift is a multiple of OpenCV's steps of 1/32."""
     shift = np.array([2.28125, -1.59375])
@@ -164,7 +167,7 @@ def test_refined_matches_are_nearer_to_the_truth_and_no_score_of_the_paper_s_cha
     first, second = extracted(points, np.eye(80)), extracted(points + shift + rng.normal(0, 0.8, (80, 2)), np.eye(80))
     truth = Homography(flat([[1, 0, shift[0]], [0, 1, shift[1]], [0, 0, 1]]))
     plain = pair_metrics(first, second, truth, PROTOCOL)
-    refined = pair_metrics(first, second, truth, replace(PROTOCOL, refine=True), images)
+    refined = pair_metrics(first, second, truth, replace(PROTOCOL, refine=True), by(first, second, images))
     assert plain["mma@1"] < 0.7 < 0.95 < refined["mma@1"]
     assert refined["h_error"] < 0.1 < plain["h_error"]
     kept = ("n1", "n2", "seen1", "seen2", "rep", "ms", "matches")
@@ -182,36 +185,7 @@ def test_refined_matches_of_cameras_are_nearer_to_their_lines(rng):
     first, second = extracted(points, np.eye(80)), extracted(there, np.eye(80))
     truth = Calibrated(flat(K), flat(K), flat(transform))
     plain = pair_metrics(first, second, truth, PROTOCOL)
-    refined = pair_metrics(first, second, truth, replace(PROTOCOL, refine=True), images)
+    refined = pair_metrics(first, second, truth, replace(PROTOCOL, refine=True), by(first, second, images))
     assert refined["epi_median"] < 0.1 < plain["epi_median"]
     assert refined["epi@1"] > plain["epi@1"]
     assert refined["epi_ms"] == plain["epi_ms"]
-
-
-@pytest.mark.parametrize("method", ["sift", "elf"])
-def test_each_refined_match_of_a_detector_is_nearer_to_the_truth(method, tmp_path):
-    """By the median over the matches, of a shift by parts of a pixel."""
-    image = cv2.GaussianBlur(textured(240, 320, seed=5), (0, 0), 1.0)
-    matrix = np.array([[1, 0, 73 / 32], [0, 1, -51 / 32]])
-    images = (image, cv2.warpAffine(image, matrix, (320, 240), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT))
-    found = []
-    for number, pixels in enumerate(images):
-        cv2.imwrite(str(tmp_path / f"{number}.png"), pixels)
-        found.append(
-            extract(open_method(method, 1), ImageRef("a.png", tmp_path / f"{number}.png"), Protocol(size=None))
-        )
-    errors = []
-    for refine in (False, True):
-        pair = FeaturePair(*found, WorkingTruth(), Protocol(size=None, ratio=0.9, refine=refine), images)
-        first, second = pair.matched_points
-        errors.append(np.median(np.linalg.norm(second - first - matrix[:, 2], axis=1)))
-    assert errors[1] < 0.05
-    assert errors[1] < 0.7 * errors[0]
-
-
-def test_any_detector_s_sizes_and_angles_become_the_runtime_s():
-    found = LocalFeatures.build(np.zeros((5, 2)), 1.0, None, [0, 3, -1, 5, 7], [-1, 360, -90, 725, 10])
-    runtime = as_runtime(ImageFeatures(found, SIZE, np.eye(3), 0.0))
-    assert runtime.image_size == (480, 640)
-    assert runtime.sizes.tolist() == [1, 3, 1, 5, 7]
-    assert runtime.angles.tolist() == [-1, 0, -1, 5, 10]

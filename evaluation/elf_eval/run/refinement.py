@@ -7,13 +7,20 @@ import numpy.typing as npt
 
 from elf_eval.coordinates import Float
 from elf_eval.features import ImageFeatures
-from elf_runtime import Features, Matches, refine
+from elf_eval.metrics import pair
 from elf_runtime.checks.greedy import Pairs
+from elf_runtime.geometry.refine import refine
+from elf_runtime.results.features import Features
+from elf_runtime.results.matches import Matches
 
 Pixels = npt.NDArray[np.uint8]
 
-# All that the places depend on, beside features and images; for `fingerprint.code_digest`.
-CODE = ("elf_eval.metrics.refinement", "elf_runtime.geometry", "elf_runtime.image.convert")
+# All that the metrics of a pair whose matches are refined depend on, as `pair.CODE`.
+CODE = (
+    *(*pair.CODE, "elf_eval.run.refinement", "elf_runtime.geometry", "elf_runtime.image", "elf_runtime.contract"),
+    *("elf_runtime.params", "elf_runtime.results.features", "elf_runtime.results.matches"),
+    *("elf_runtime.results.matching", "elf_runtime.values"),
+)
 
 
 def as_runtime(found: ImageFeatures) -> Features:
@@ -28,15 +35,15 @@ def as_runtime(found: ImageFeatures) -> Features:
     return Features(own.keypoints, own.scores, none, (height, width), 1.0, sizes, angles)
 
 
-def refined_points(first: ImageFeatures, second: ImageFeatures, matches: Pairs, images: tuple[Pixels, Pixels]) -> Float:
+def refined_points(first: ImageFeatures, second: ImageFeatures, images: tuple[Pixels, Pixels], matches: Pairs) -> Float:
     """Where the matched keypoints of the first image are in the second, to a fraction of a pixel.
 
     Parameters
     ----------
-    matches : (K, 2)
-        Indices into the features.
     images : two (H, W, 3) uint8, BGR
         As the features were made from them.
+    matches : (K, 2)
+        Indices into the features.
 
     Returns
     -------
