@@ -79,6 +79,9 @@ class Protocol:
         Lowe's test: of the mutual nearest neighbours, keep those whose distance is below `ratio` times that to the
         second nearest in image 2.  A method's own (`Method.ratio`) goes before.  For MMA, homographies, poses and
         epipolar distances; the paper's matching score knows none.
+    refine : bool
+        Move the second points of these matches by `elf_runtime.refine`, which compares the two images.  A method's own
+        (`Method.refine`) goes before.  For the same metrics.
     """
 
     size: Size | None = (640, 480)
@@ -89,6 +92,7 @@ class Protocol:
     homography: Ransac = field(default_factory=Ransac)
     pose: Ransac = field(default_factory=lambda: Ransac(estimator="RANSAC", threshold=1.0, iterations=1000))
     ratio: float | None = None
+    refine: bool = False
 
     def __post_init__(self) -> None:
         if self.size is not None and not _is_size(self.size):

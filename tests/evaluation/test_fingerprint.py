@@ -10,6 +10,7 @@ from elf_eval import fingerprint
 from elf_eval.fingerprint import code_digest
 from elf_eval.methods import elf, gradient
 from elf_eval.metrics import pair
+from elf_eval.run import refinement
 from helpers import ROOT
 
 
@@ -90,6 +91,7 @@ HARMLESS = (
         (elf.CODE, ["elf_runtime.engine.runtime"]),
         (gradient.CODE, ["elf_runtime.detection.nms", "elf_runtime.detection.threshold"]),
         (pair.CODE, ["elf_eval.metrics.pair"]),
+        (refinement.CODE, ["elf_eval.run.refinement"]),
     ],
 )
 def test_nothing_that_is_imported_on_the_way_is_forgotten(code, roots):

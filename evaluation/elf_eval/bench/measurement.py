@@ -87,6 +87,7 @@ def measure(suite: Suite, results: Results, timing: Timing) -> Study:
         "width": width,
         "height": height,
         "ratios": {m["name"]: m["ratio"] for m in results.methods if m["name"] in names and m.get("ratio")},
+        "refined": [m["name"] for m in results.methods if m["name"] in names and m.get("refine")],
         "reference": timing.reference,
         "repeats": timing.repeats,
         "warmup": timing.warmup,

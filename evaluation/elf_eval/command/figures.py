@@ -138,12 +138,12 @@ def _matches(args: argparse.Namespace) -> None:
     out, settings, pair = _picture(args), protocol(args, Protocol()), open_dataset(args.dataset).pair(args.pair)
     set_threads(args.threads)
     cache, rows = FeatureCache(resources(args).cache), []
-    pixels1, pixels2 = (ref.open(settings.size).pixels for ref in (pair.first, pair.second))
+    pixels = pair.pixels(settings.size)
     methods = [open_methods(text, args.descriptor, args.threads) for text in args.detector]
     for text, method in zip(args.detector, methods, strict=True):
         first, second = (cache.get(method, ref, settings)[1] for ref in (pair.first, pair.second))
         title, own = text.rpartition("/")[2], method.protocol(settings)
-        rows.append(draw_matches(pixels1, pixels2, first, second, pair, own, title))
+        rows.append(draw_matches(*pixels, first, second, pair, own, title))
     out.parent.mkdir(parents=True, exist_ok=True)
     write_picture(out, np.asarray(stacked(rows), np.uint8))
     print(args.out)

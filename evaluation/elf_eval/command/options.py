@@ -25,6 +25,10 @@ def add_protocol(parser: argparse.ArgumentParser, scores: bool = True) -> None:
     )
     if not scores:
         return
+    group.add_argument(
+        "--refine", action="store_true", default=None,
+        help="refine the matches by the two images (no); a method's own, sift?refine=true, goes before",
+    )  # fmt: skip
     group.add_argument("--eps", type=float, help="pixels (5)")
     group.add_argument("--counts", type=lambda text: text.split(","), help="own, equal or own,equal")
     group.add_argument(
@@ -34,7 +38,7 @@ def add_protocol(parser: argparse.ArgumentParser, scores: bool = True) -> None:
 
 def protocol(args: argparse.Namespace, base: Protocol) -> Protocol:
     """`base`, changed by the options that were given."""
-    names = ("size", "max_keypoints", "eps", "counts", "count_floor", "ratio")
+    names = ("size", "max_keypoints", "eps", "counts", "count_floor", "ratio", "refine")
     changes = {name: getattr(args, name, None) for name in names}
     return Protocol.from_dict({**vars(base), **{k: v for k, v in changes.items() if v is not None}})
 

@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 
+import numpy as np
+import numpy.typing as npt
+
+from elf_eval.coordinates import Size
 from elf_eval.errors import EvalError
 
 from .images import ImageRef
@@ -34,6 +38,10 @@ class Pair:
     @property
     def name(self) -> str:
         return f"{self.first.name} - {self.second.name}"
+
+    def pixels(self, size: Size | None) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+        """Both images at the working size, (H, W, 3) uint8 BGR."""
+        return self.first.open(size).pixels, self.second.open(size).pixels
 
 
 def is_of(pair: str, scenes: Collection[str]) -> bool:

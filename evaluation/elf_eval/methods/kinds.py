@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from elf_eval.errors import EvalError
 from elf_eval.protocol import checked_ratio
-from elf_eval.spec import Spec
+from elf_eval.spec import Spec, boolean
 from elf_runtime.errors import first_line, suggestion
 
 from .elf import Elf
@@ -39,9 +39,10 @@ def open_method(text: str, threads: int | None = None, shared: bool = False) -> 
     """The method that a text such as ``elf:vgg.onnx?preset=paper`` names.
 
     ``plugin:package.module.factory?...`` calls ``factory(spec, threads)`` of a module that can be imported.  The
-    factory takes its options from the spec (`Spec.take`) and returns a `Method`.  Every kind has the option
-    ``ratio=0.8``, of the method's matches (`Method.ratio`).  `shared` is for many settings of few models: each model is
-    opened once, and what its network gives for an image is computed once, while images are taken one after the other.
+    factory takes its options from the spec (`Spec.take`) and returns a `Method`.  Every kind has the options
+    ``ratio=0.8`` and ``refine=true``, of the method's matches (`Method.ratio`, `Method.refine`).  `shared` is for many
+    settings of few models: each model is opened once, and what its network gives for an image is computed once, while
+    images are taken one after the other.
 
     Raises
     ------
@@ -51,6 +52,7 @@ def open_method(text: str, threads: int | None = None, shared: bool = False) -> 
     spec = Spec.parse(text)
     spec.shared = shared
     ratio = spec.take("ratio", _ratio, None)
+    refine = spec.take("refine", boolean, None)
     factory = _plugin(spec) if spec.kind == "plugin" else METHODS.get(spec.kind)
     if factory is None:
         near = suggestion(spec.kind, METHODS)
@@ -59,6 +61,8 @@ def open_method(text: str, threads: int | None = None, shared: bool = False) -> 
     spec.finish()
     if ratio is not None:
         method.ratio = ratio
+    if refine is not None:
+        method.refine = refine
     return method
 
 

@@ -23,15 +23,19 @@ class Method:
     ratio : float in (0, 1), optional
         Of Lowe's test for the method's matches, ``ratio=0.8`` in its text; the protocol's where None.  Features don't
         depend on it, so it is no part of the fingerprint.
+    refine : bool, optional
+        Whether the method's matches are refined by the images, ``refine=true`` in its text; likewise.
     """
 
     fingerprint: str
     cacheable: bool = True
     ratio: float | None = None
+    refine: bool | None = None
 
     def protocol(self, shared: Protocol) -> Protocol:
-        """The protocol with this method's ratio where it has one of its own."""
-        return shared if self.ratio is None else replace(shared, ratio=self.ratio)
+        """The protocol with this method's ratio and refinement where it has its own."""
+        ratio = shared.ratio if self.ratio is None else self.ratio
+        return replace(shared, ratio=ratio, refine=shared.refine if self.refine is None else self.refine)
 
     def check(self, refs: Sequence[ImageRef]) -> None:
         """Refuse images that the method has no features of, before a run begins.  Most methods take any.
@@ -67,13 +71,14 @@ class Method:
 
 
 class Composed(Method):
-    """One method's keypoints with another's descriptors, and with its ratio where it has one."""
+    """One method's keypoints with another's descriptors, and with its ratio and refinement where it has them."""
 
     def __init__(self, detector: Method, descriptor: Method) -> None:
         self.detector, self.descriptor = detector, descriptor
         self.fingerprint = f"{detector.fingerprint} | {descriptor.fingerprint}"
         self.cacheable = detector.cacheable and descriptor.cacheable
         self.ratio = detector.ratio if descriptor.ratio is None else descriptor.ratio
+        self.refine = detector.refine if descriptor.refine is None else descriptor.refine
 
     def check(self, refs: Sequence[ImageRef]) -> None:
         self.detector.check(refs)

@@ -17,6 +17,7 @@ from elf_runtime.checks.greedy import Pairs
 from .matching import descriptor_distances, mutual_nearest
 
 Record = dict[str, float | None]
+Refinement = Callable[[Pairs], Float]  # of (K, 2) matches, the second image's points in pixels, (K, 2)
 
 
 @dataclass(frozen=True)
@@ -24,12 +25,18 @@ class FeaturePair:
     """The features of two images, with their ground truth at the working size.
 
     What several metrics need is computed once, when the first of them asks.
+
+    Attributes
+    ----------
+    refined : function, optional
+        Needed where the protocol refines matches.
     """
 
     first: ImageFeatures
     second: ImageFeatures
     truth: WorkingTruth
     protocol: Protocol
+    refined: Refinement | None = None
 
     @cached_property
     def is_described(self) -> bool:
@@ -48,11 +55,14 @@ class FeaturePair:
 
     @cached_property
     def matched_points(self) -> tuple[Float, Float]:
-        """(K, 2) each: the matches' pixels in the two images."""
-        images, matches = (self.first, self.second), self.matches.T
+        """(K, 2) each: the matches' pixels in the two images; the second ones refined if the protocol says so."""
+        sides, matches = (self.first, self.second), self.matches.T
         first, second = (
-            image.features.keypoints[index].astype(np.float64) for image, index in zip(images, matches, strict=True)
+            side.features.keypoints[index].astype(np.float64) for side, index in zip(sides, matches, strict=True)
         )
+        if self.protocol.refine:
+            assert self.refined is not None
+            second = self.refined(self.matches)
         return first, second
 
 

@@ -11,7 +11,7 @@ from elf_eval.features import ImageFeatures
 from elf_eval.protocol import Protocol
 
 from .families import FAMILIES
-from .family import FeaturePair, Record
+from .family import FeaturePair, Record, Refinement
 
 # All that the metrics of a pair depend on, beside features and settings; for `fingerprint.code_digest`.
 CODE = (
@@ -22,8 +22,17 @@ CODE = (
 )
 
 
-def pair_metrics(first: ImageFeatures, second: ImageFeatures, truth: Truth, protocol: Protocol) -> Record:
+def pair_metrics(
+    first: ImageFeatures,
+    second: ImageFeatures,
+    truth: Truth,
+    protocol: Protocol,
+    refined: Refinement | None = None,
+) -> Record:
     """What can be measured on a pair, by name; what its ground truth or the features don't allow is absent.
+
+    Where the protocol refines matches, `refined` says where their second points are, by which mma, h_..., pose_... and
+    epi... but epi_ms are measured.
 
     ====================  =========================================================================
     n1, n2                keypoints of each image
@@ -50,7 +59,7 @@ def pair_metrics(first: ImageFeatures, second: ImageFeatures, truth: Truth, prot
     EvalError
         If a homography sends no point of image 1 into image 2, or a camera's principal point lies outside its image.
     """
-    pair = FeaturePair(first, second, truth.at(first.to_working, second.to_working), protocol)
+    pair = FeaturePair(first, second, truth.at(first.to_working, second.to_working), protocol, refined)
     _check_truth(pair)
     record: Record = {}
     for family in FAMILIES:

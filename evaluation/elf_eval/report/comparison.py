@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from elf_eval.errors import EvalError
 from elf_eval.metrics.families import check_metrics, is_share
 from elf_eval.metrics.intervals import Difference, paired_difference
+from elf_eval.protocol import Protocol
 from elf_eval.run.averages import metrics_in, scene_means
 from elf_eval.run.results import PairResult, Results
 
@@ -109,14 +110,17 @@ def _units(pairs: list[PairResult], metric: str, unit: str) -> dict[str, float]:
 
 def warnings(a: Results, b: Results) -> list[str]:
     """Differences in protocol, data or versions that a reader of the comparison must know about."""
-    settings = [(key, a.protocol.get(key), b.protocol.get(key)) for key in {**a.protocol, **b.protocol}]
+    usual = Protocol().to_dict()  # of what an older version did not write
+    protocols = [usual | r.protocol for r in (a, b)]
+    settings = [(key, *(protocol.get(key) for protocol in protocols)) for key in protocols[0] | protocols[1]]
     found = [f"protocol {key}: {value} -> {other}" for key, value, other in settings if value != other]
-    ratios = [{m["name"]: m.get("ratio") for m in r.methods} for r in (a, b)]
-    found += [
-        f"method {name}: ratio {ratios[0][name]} -> {ratios[1][name]}"
-        for name in ratios[0]
-        if name in ratios[1] and ratios[0][name] != ratios[1][name]
-    ]
+    for what in ("ratio", "refine"):
+        own = [{m["name"]: m.get(what, usual[what]) for m in r.methods} for r in (a, b)]
+        found += [
+            f"method {name}: {what} {own[0][name]} -> {own[1][name]}"
+            for name in own[0]
+            if name in own[1] and own[0][name] != own[1][name]
+        ]
     digests = [{d["name"]: d["sha256"] for d in r.datasets} for r in (a, b)]
     found += [
         f"dataset {name}: other images or ground truth"

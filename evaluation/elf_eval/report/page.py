@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +74,8 @@ def _facts(results: Results, command: str) -> list[str]:
     )
     if ratios := _ratios(results):
         facts.append(ratios)
+    if refined := [m["name"] for m in results.methods if m.get("refine")]:
+        facts.append(_refined(refined, len(results.methods)))
     for title, estimated, settings in (
         ("Homographies", "h_error", p["homography"]),
         ("Relative poses, through the essential matrix,", "pose_error", p["pose"]),
@@ -132,6 +134,14 @@ def _ratios(results: Results) -> str:
     return (
         "Matches are the mutual nearest neighbours whose distance is below a ratio of that to the second nearest in "
         f"the second image: {next(iter(same)) if len(same) == 1 else each}. ms is without."
+    )
+
+
+def _refined(names: Sequence[str], methods: int) -> str:
+    of = "" if len(names) == methods else f" of {', '.join(names)}"
+    return (
+        f"Matches{of} are refined: each one's place in the second image is sought again by comparing the two images "
+        "(elf_runtime.refine). rep and ms are without."
     )
 
 

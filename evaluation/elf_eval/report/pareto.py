@@ -73,6 +73,8 @@ def markdown(study: Study, metrics: Sequence[str], pictures: Mapping[str, str]) 
     if ratios := about.get("ratios"):
         each = ", ".join(f"{name} {ratio}" for name, ratio in ratios.items())
         text += f" Matches pass a ratio test, but for ms: {each}."
+    if refined := about.get("refined"):
+        text += f" Matches of {', '.join(refined)} are refined by the two images, but for ms; no time has this in it."
     parts = ["# Time and quality", about["note"], text]
     parts += [f"![Time against {_axis(metric)}]({path})" for metric, path in pictures.items()]
     parts.append(_main(study, metrics).markdown())

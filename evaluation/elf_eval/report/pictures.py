@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,10 @@ from elf_eval.data import Pair, is_of, open_dataset
 from elf_eval.errors import EvalError
 from elf_eval.features import ImageFeatures
 from elf_eval.methods import open_methods
-from elf_eval.metrics.matching import descriptor_distances, mutual_nearest
+from elf_eval.metrics.family import FeaturePair
 from elf_eval.protocol import Protocol
 from elf_eval.run.cache import FeatureCache
+from elf_eval.run.refinement import refined_points
 from elf_eval.run.results import Results
 from elf_eval.run.runner import Resources
 from elf_eval.suite.suite import Suite
@@ -46,9 +48,8 @@ def write_pictures(suite: Suite, results: Results, folder: Path, resources: Reso
                 continue
             method = open_methods(*suite.texts(method_entry), resources.threads)
             first, second = (cache.get(method, ref, suite.protocol)[1] for ref in (pair.first, pair.second))
-            pixels = [ref.open(suite.protocol.size).pixels for ref in (pair.first, pair.second)]
             protocol = method.protocol(suite.protocol)
-            picture = draw_matches(pixels[0], pixels[1], first, second, pair, protocol, name)
+            picture = draw_matches(*pair.pixels(protocol.size), first, second, pair, protocol, name)
             slug = "".join(c if c.isalnum() else "-" for c in f"{entry.pair}-{name}".lower())
             folder.mkdir(parents=True, exist_ok=True)
             path = folder / f"{slug}.jpg"
@@ -67,7 +68,7 @@ def draw_matches(
     protocol: Protocol,
     title: str,
 ) -> npt.NDArray[Any]:
-    """Two (H, W, 3) BGR images with their matches, after the protocol's ratio test if it has one.
+    """Two (H, W, 3) BGR images with their matches, after ratio test and refinement if the protocol has them.
 
     Green ones lie within the protocol's `eps` pixels of the truth, red ones don't, and of grey ones it is not known.
     Keypoints without a match are small blue dots; a method without descriptors has nothing else.
@@ -81,12 +82,12 @@ def draw_matches(
     for shift, points in ((0, a.keypoints), (offset, b.keypoints)):
         for x, y in points:
             cv2.circle(canvas, _at(x + shift, y), 2, _BLUE, -1, cv2.LINE_AA)
-    matches = np.zeros((0, 2), np.int64)
-    if a.descriptors.shape[1] and b.descriptors.shape[1]:
-        matches = mutual_nearest(descriptor_distances(a.descriptors, b.descriptors), protocol.ratio)
-    p1, p2 = a.keypoints[matches[:, 0]], b.keypoints[matches[:, 1]]
-    forward = pair.truth.at(first.to_working, second.to_working).forward
-    error = np.full(len(p1), np.nan) if forward is None else np.linalg.norm(forward(p1.astype(float)) - p2, axis=1)
+    truth = pair.truth.at(first.to_working, second.to_working)
+    refined = partial(refined_points, first, second, (pixels1, pixels2))
+    measured = FeaturePair(first, second, truth, protocol, refined)
+    p1, p2 = measured.matched_points if measured.is_described else (np.zeros((0, 2)), np.zeros((0, 2)))
+    forward = truth.forward
+    error = np.full(len(p1), np.nan) if forward is None else np.linalg.norm(forward(p1) - p2, axis=1)
     right = error <= protocol.eps
     for i in np.argsort(right, kind="stable"):  # draws the right ones on top
         colour = _GREY if np.isnan(error[i]) else _GREEN if right[i] else _RED
@@ -94,8 +95,8 @@ def draw_matches(
         cv2.line(canvas, *ends, colour, 1, cv2.LINE_AA)
         for end in ends:
             cv2.circle(canvas, end, 3, colour, 1, cv2.LINE_AA)
-    text = f"{title}: {len(a)} and {len(b)} keypoints, {len(matches)} matches"
-    text += f", {int(right.sum())} within {protocol.eps:g} px" if len(matches) else ""
+    text = f"{title}: {len(a)} and {len(b)} keypoints, {len(p1)} matches"
+    text += f", {int(right.sum())} within {protocol.eps:g} px" if len(p1) else ""
     return np.concatenate([_title(text, canvas.shape[1]), canvas])
 
 

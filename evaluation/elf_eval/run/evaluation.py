@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 
 from elf_eval.data import Dataset, Pair
@@ -16,9 +17,12 @@ from elf_eval.fingerprint import code_digest
 from elf_eval.metrics.family import Record
 from elf_eval.metrics.pair import CODE, pair_metrics, rounded
 from elf_eval.protocol import Protocol
+from elf_runtime import ElfError
 
 from .cache import load
 from .extraction import CachedFeatures
+from .refinement import CODE as REFINED
+from .refinement import refined_points
 
 
 @dataclass(frozen=True)
@@ -46,13 +50,14 @@ class PairEvaluation:
 
 
 def evaluate_pair(evaluation: PairEvaluation) -> Record:
-    """The pair's metrics, from the cached features alone."""
-    first, second = (_load(path) for path in (evaluation.first, evaluation.second))
-    limit1, limit2 = evaluation.limits
-    pair = evaluation.pair
+    """The pair's metrics, from the cached features alone, or with the images where the protocol refines matches."""
+    paths = (evaluation.first, evaluation.second)
+    first, second = (_load(path).first(limit) for path, limit in zip(paths, evaluation.limits, strict=True))
+    pair, protocol = evaluation.pair, evaluation.protocol
     try:
-        return rounded(pair_metrics(first.first(limit1), second.first(limit2), pair.truth, evaluation.protocol))
-    except EvalError as error:
+        refined = partial(refined_points, first, second, pair.pixels(protocol.size)) if protocol.refine else None
+        return rounded(pair_metrics(first, second, pair.truth, protocol, refined))
+    except (EvalError, ElfError) as error:
         raise EvalError(f"{pair.name}: {error}") from error
 
 
@@ -73,12 +78,13 @@ def pair_evaluations(
     Parameters
     ----------
     protocols : mapping
-        Each method's: they differ by `Protocol.ratio` alone.
+        Each method's: they differ by `Protocol.ratio` and `refine` alone.
     features : mapping
         By method and image.
     """
     shared = next(iter(protocols.values()))
     settings = {method: _settings(protocol) for method, protocol in protocols.items()}
+    pixels = cache(lambda ref: ref.digest(shared.size))
     for pair in dataset.pairs:
         refs = (pair.first, pair.second)
         for counts in shared.counts:
@@ -91,10 +97,13 @@ def pair_evaluations(
                     for ref in refs
                 )
                 parts = [settings[method], first.digest, second.digest, [limit1, limit2], pair.truth.identity()]
+                if protocol.refine:
+                    parts += [pixels(ref) for ref in refs]
                 key = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
                 yield PairEvaluation(pair, method, counts, first.path, second.path, (limit1, limit2), protocol, key)
 
 
 def _settings(protocol: Protocol) -> str:
     """What a pair's metrics depend on, beside its features and ground truth."""
-    return json.dumps([protocol.to_dict() | {"counts": None, "count_floor": None}, code_digest(*CODE)])
+    code = code_digest(*(REFINED if protocol.refine else CODE))
+    return json.dumps([protocol.to_dict() | {"counts": None, "count_floor": None}, code])

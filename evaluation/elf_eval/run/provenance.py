@@ -17,20 +17,22 @@ import onnxruntime
 import elf_runtime
 from elf_eval.coordinates import Size
 from elf_eval.data import Dataset
+from elf_eval.protocol import Protocol
 from elf_eval.suite.suite import DatasetEntry, MethodEntry
 
 
 def about_method(
-    entry: MethodEntry, fingerprint: str, ratio: float | None, seconds: Collection[float]
+    entry: MethodEntry, fingerprint: str, protocol: Protocol, seconds: Collection[float]
 ) -> dict[str, Any]:
-    """A method's line of the results; `ratio` is that of its matches, `seconds` are those of each image."""
+    """A method's line of the results; `protocol` is the method's own, `seconds` are those of each image."""
     return {
         "name": entry.name,
         "detector": entry.detector,
         "descriptor": entry.descriptor,
         "paper": entry.paper,
         "fingerprint": hashlib.sha256(fingerprint.encode()).hexdigest(),
-        "ratio": ratio,
+        "ratio": protocol.ratio,
+        "refine": protocol.refine,
         "seconds_per_image": round(sum(seconds) / len(seconds), 4),
     }
 

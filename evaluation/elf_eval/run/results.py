@@ -43,8 +43,8 @@ class Results:
     ----------
     protocol : dict
     methods : list of dict
-        name, detector, descriptor, paper, fingerprint, ratio (of its matches, None: no ratio test),
-        seconds_per_image (when the features were made).
+        name, detector, descriptor, paper, fingerprint, ratio (of its matches, None: no ratio test), refine (whether
+        they are refined by the images), seconds_per_image (when the features were made).
     skipped : list of dict
         name and reason of the methods that could not be opened.
     datasets : list of dict
@@ -123,6 +123,7 @@ class _Protocol:
     pose: _Ransac
     count_floor: int = 0
     ratio: float | None = None
+    refine: bool = False
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,7 @@ class _Method:
     name: str
     paper: str | None
     ratio: float | None = None
+    refine: bool = False
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ class _Usable:
 
     entry: MethodEntry
     fingerprint: str
-    protocol: Protocol  # with the method's own ratio
+    protocol: Protocol  # with the method's own ratio and refinement
 
 
 @dataclass(frozen=True)
@@ -98,9 +98,7 @@ def run(
         pairs += _evaluate(entry.name, evaluations, resources, finished)
     return Results(
         protocol=suite.protocol.to_dict(),
-        methods=[
-            about_method(m.entry, m.fingerprint, m.protocol.ratio, _seconds(features, m.entry.name)) for m in methods
-        ],
+        methods=[about_method(m.entry, m.fingerprint, m.protocol, _seconds(features, m.entry.name)) for m in methods],
         skipped=[*absent, *skipped],
         datasets=[about_dataset(entry, dataset, suite.protocol.size) for entry, dataset in datasets],
         versions=versions(),
@@ -112,8 +110,21 @@ def run(
 def extracted(
     suite: Suite, refs: Sequence[ImageRef], resources: Resources
 ) -> tuple[dict[str, Protocol], Features, list[dict[str, str]]]:
-    """By every method that can be opened, its protocol and the images' features; and which can't, with the reasons."""
+    """By every method that can be opened, its protocol and the images' features; and which can't, with the reasons.
+
+    For what takes each keypoint where it was detected.
+
+    Raises
+    ------
+    EvalError
+        As `run`; if a method's matches are to be refined.
+    """
     methods, skipped = _usable(suite, resources, refs, shared=False)
+    if refined := [method.entry.name for method in methods if method.protocol.refine]:
+        raise EvalError(
+            f"method {refined[0]!r}: refine=true moves the points of a pair's matches, but structure from motion has "
+            "one place for each keypoint; leave it out"
+        )
     entries = [method.entry for method in methods]
     _try_keypoints(suite, entries, list(refs), resources)
     features = _extract(suite, entries, list(refs), resources, shared=False)

@@ -24,10 +24,11 @@ from elf_eval.features import ImageFeatures
 from elf_eval.metrics.matching import descriptor_distances, mutual_nearest
 from elf_eval.metrics.pose import pose_error
 from elf_eval.protocol import Protocol
-from elf_runtime import ElfError, Features
+from elf_runtime import ElfError
 from elf_runtime.pictures.file import write_picture
 from elf_runtime.reconstruction import Calibration, Camera, Model, map_database, write_database
 
+from .refinement import as_runtime
 from .subsets import Subset
 
 THREADS = 1  # of the mapper: on several, which pair of images it begins with depends on their timing
@@ -127,20 +128,13 @@ def _model(
             write_picture(Path(folder, names[ref]), ref.open(protocol.size).pixels)
         database = Path(folder, "database.db")
         try:
-            write_database(database, {names[ref]: _as_runtime(features[ref]) for ref in subset}, matches, cameras)
+            write_database(database, {names[ref]: as_runtime(features[ref]) for ref in subset}, matches, cameras)
         except ElfError as error:
             raise EvalError(f"{subset[0].name}: {error}") from error
         try:
             return map_database(database, folder, folder, refine=False, threads=THREADS)[0]
         except ElfError:
             return None  # nothing could be placed: every error is infinite
-
-
-def _as_runtime(found: ImageFeatures) -> Features:
-    """The features as the reconstruction takes them, which needs no descriptors."""
-    points = found.features.keypoints
-    width, height = found.size
-    return Features(points, found.features.scores, np.zeros((len(points), 0), np.float32), (height, width), 1.0)
 
 
 def _error(

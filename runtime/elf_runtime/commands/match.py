@@ -48,10 +48,10 @@ examples:
 exit status: 0 if every pair was matched, also where no geometry is supported; 1 if an image or a file can't be read or
 written, or some of many pairs could not be matched; 2 on a wrong command line
 
---save writes pairs (M, 2) of indices, the matched points_a and points_b (M, 2) as x, y in pixels, their
-scores, sizes and angles (scores_a, scores_b ..., (M,)), inliers (M,), and the fitted matrix (3, 3), NaN where there
-is none; with --ransac essential also rotation (3, 3) and translation (3,), X_b = rotation X_a + translation with a
-translation of unit length, and the cameras K_a and K_b (3, 3).
+--save writes pairs (M, 2) of indices, the matched points_a and points_b (M, 2) as x, y in pixels (those of B as
+--refine moved them), their scores, sizes and angles as detected (scores_a, scores_b ..., (M,)), inliers (M,), and the
+fitted matrix (3, 3), NaN where there is none; with --ransac essential also rotation (3, 3) and translation (3,),
+X_b = rotation X_a + translation with a translation of unit length, and the cameras K_a and K_b (3, 3).
 Of a folder's pairs the files are named A--B.npz and A--B.png, by the images' names in the folder, in which / is %2F
 (% is %25, and the second of two hyphens %2D)."""
 
@@ -70,6 +70,10 @@ def build_parser() -> Parser:
         "-o", "--output", type=Path, metavar="FILE", help="draw the matches: .png or .jpg; of a folder's pairs a folder"
     )
     parser.add_argument("--ratio", type=float, metavar="R", help="keep matches below R x the second nearest distance")
+    parser.add_argument(
+        "--refine", action="store_true",
+        help="move the matched points of B to where the two images look most alike, before --ransac and in all files",
+    )  # fmt: skip
     parser.add_argument("--ransac", choices=KINDS, help="fit a geometry and draw its inliers")
     parser.add_argument(
         "--ransac-threshold", type=float, metavar="PX",

@@ -29,6 +29,10 @@ class Matched:
     first, second : Features
     pairs : (M, 2) int64
         Into these.
+    points : two (M, 2)
+        Where the matches are, (x, y) in pixels of the two images: keypoints, or the second ones as refined.
+    refined : int, optional
+        How many of the second ones were moved; None where that was not asked for.
     view : TwoView, optional
         Where a geometry was asked for.
     cameras : two (3, 3), optional
@@ -38,12 +42,10 @@ class Matched:
     first: Features
     second: Features
     pairs: npt.NDArray[np.int64]
+    points: tuple[Array, Array]
+    refined: int | None
     view: TwoView | None
     cameras: tuple[Float, Float] | None
-
-    @property
-    def points(self) -> tuple[Array, Array]:
-        return self.first.keypoints[self.pairs[:, 0]], self.second.keypoints[self.pairs[:, 1]]
 
     @property
     def supported(self) -> TwoView | None:
@@ -51,8 +53,8 @@ class Matched:
         return self.view if self.view is not None and self.view.supported else None
 
     def counts(self) -> str:
-        """Such as "335 matches, 271 homography inliers"."""
-        text = f"{len(self.pairs)} matches"
+        """Such as "335 matches, 271 homography inliers"; with the refined ones, "335 matches (302 refined), ..."."""
+        text = f"{len(self.pairs)} matches" + ("" if self.refined is None else f" ({self.refined} refined)")
         if self.view is None:
             return text
         inliers = int(self.view.inliers.sum())
@@ -74,6 +76,7 @@ class Matched:
         view, given = self.view, self.supported
         return {
             "matches": len(self.pairs),
+            "refined": self.refined,
             "supported": view.supported if view is not None else None,
             "inliers": int(view.inliers.sum()) if view is not None else None,
             "expected_by_chance": view.chance if view is not None and view.matrix is not None else None,
@@ -87,8 +90,9 @@ class Matched:
         """Write an ``.npz`` of the arrays that --help names."""
         view = self.supported
         arrays: dict[str, Any] = {"pairs": self.pairs}
-        for side, features, index in (("a", self.first, self.pairs[:, 0]), ("b", self.second, self.pairs[:, 1])):
-            arrays |= {f"points_{side}": features.keypoints[index]}
+        sides = zip("ab", (self.first, self.second), self.pairs.T, self.points, strict=True)
+        for side, features, index, points in sides:
+            arrays |= {f"points_{side}": points}
             arrays |= {f"{name}_{side}": getattr(features, name)[index] for name in ("scores", "sizes", "angles")}
         none = np.zeros(len(self.pairs), np.bool_)
         arrays["inliers"] = ~none if self.view is None else view.inliers if view else none

@@ -13,6 +13,9 @@ from elf_runtime.errors import ElfError, SettingError, printable, reason
 from elf_runtime.files.write import real
 from elf_runtime.geometry.cameras import Cameras
 from elf_runtime.geometry.fit import Search, fit
+from elf_runtime.geometry.refine import refine
+from elf_runtime.results.features import Array
+from elf_runtime.results.matches import Matches
 from elf_runtime.results.matching import match
 
 from . import command
@@ -31,6 +34,7 @@ class Run:
         self._stream = sys.stderr if args.json == "-" else sys.stdout
         self._settings = {
             "ratio": args.ratio,
+            "refine": args.refine,
             "ransac": args.ransac,
             "ransac_threshold": args.ransac_threshold if args.ransac else None,
         }
@@ -125,14 +129,23 @@ class Run:
         args, views = self._args, self._views
         first, second = views.features(i), views.features(j)
         pairs = match(first, second, args.ratio)
-        points = (first.keypoints[pairs[:, 0]], second.keypoints[pairs[:, 1]])
+        points, refined = self._places(i, j, Matches.of(pairs))
         cameras = None
         if args.ransac == "essential":
             cameras = (views.camera(i, args.K), views.camera(j, args.K_b))
         known = None if cameras is None else Cameras.of(list(cameras))
         search = Search("magsac", args.ransac_threshold)
         view = fit(*points, args.ransac, search, known) if args.ransac else None
-        return Matched(first, second, pairs, view, cameras)
+        return Matched(first, second, pairs, points, refined, view, cameras)
+
+    def _places(self, i: int, j: int, matches: Matches) -> tuple[tuple[Array, Array], int | None]:
+        """Where the matches are in the two images, and how many of B's were moved if they are to be refined."""
+        views = self._views
+        a, b = matches.points(views.features(i), views.features(j))
+        if not self._args.refine:
+            return (a, b), None
+        moved = refine(matches, views.features(i), views.features(j), views.pixels(i), views.pixels(j))
+        return (a, moved), int((moved != b).any(axis=1).sum())
 
     def _write(self, matched: Matched, i: int, j: int, picture: Path | None, arrays: Path | None) -> list[Path]:
         """The files of a pair; of many pairs, none that is an input or another pair's."""

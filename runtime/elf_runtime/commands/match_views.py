@@ -66,6 +66,7 @@ class Views:
         self._put_aside: set[int] = set()
         self._errors: dict[int, str] = {}
         self._about: dict[int, dict[str, Any]] = {}
+        self._seen: OrderedDict[int, npt.NDArray[Any]] = OrderedDict()
         self._stack = ExitStack()
         self._folder: Path | None = None
 
@@ -176,18 +177,26 @@ class Views:
         return given.matrix(size)
 
     def pixels(self, index: int) -> npt.NDArray[Any]:
-        """The image, to draw on; of a feature file, that which its record names.
+        """The image, to draw on or to refine by; of a feature file, that which its record names.
+
+        The two used last are kept.
 
         Raises
         ------
         ElfError
             If it can't be read, or is not of the features' size.
         """
+        if index in self._seen:
+            self._seen.move_to_end(index)
+            return self._seen[index]
         path, record = self._image(index), self._records.get(index) or {}
         stored = bool(record.get("ignore_exif", self._args.ignore_exif))
         found = read(path, ignore_exif=stored, max_pixels=self._args.max_pixels)
         if found.shape[:2] != tuple(self.features(index).image_size):
             raise ElfError(f"{path}: it is no longer of the size that {self.paths[index]} was made from")
+        self._seen[index] = found
+        if len(self._seen) > 2:
+            self._seen.popitem(last=False)
         return found
 
     def _image(self, index: int) -> Path:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_runtime.errors import SettingError
-from elf_runtime.indices import rows_at
+from elf_runtime.indices import pairs_of, rows_at
 
 from .features import Array, Features
 from .matching import mutual_nearest
@@ -66,6 +66,23 @@ class Matches:
         order = np.lexsort((nearest, quotient))  # stable: equal ones stay by the first index
         similarity = np.maximum(1.0 - nearest[order] / 2.0, np.finfo(np.float32).min)
         return cls(pairs[order], similarity.astype(np.float32), np.sqrt(quotient[order]).astype(np.float32))
+
+    @classmethod
+    def of(cls, pairs: npt.ArrayLike) -> Matches:
+        """Pairs that another matcher found, in its order, which stands for best first; similarity 0 and ratio 1.
+
+        Parameters
+        ----------
+        pairs : (K, 2) integers
+            Indices into the features of the first and the second image.
+
+        Raises
+        ------
+        SettingError
+            If they are something else, or below 0.
+        """
+        indices = pairs_of(pairs)
+        return cls(indices, np.zeros(len(indices), np.float32), np.ones(len(indices), np.float32))
 
     def __len__(self) -> int:
         return len(self.indices)

@@ -124,7 +124,8 @@ def test_any_shares_are_drawn_where_the_picture_is_asked_for(measured, tmp_path,
 def test_cameras_have_columns_and_pictures_of_their_own(photo_file, tmp_path, capsys):
     write_strecha(tmp_path / "wall", depth=False)
     suite = tmp_path / "s.toml"
-    text = SUITE.replace("hpatches:{folder}", f"strecha:{tmp_path / 'wall'}").replace("orb", "orb?ratio=0.9")
+    text = SUITE.replace("hpatches:{folder}", f"strecha:{tmp_path / 'wall'}")
+    text = text.replace("orb", "orb?ratio=0.9&refine=true")
     suite.write_text(text.partition("[groups]")[0] + text[text.index("[[method]]") :])
     assert main(["run", str(suite), "--out", str(tmp_path), "--cache", str(tmp_path / "c"), "--quiet"]) == 0
     quick = ["--image", str(photo_file), "--repeats", "2", "--warmup", "1", "--threads", "1"]
@@ -133,6 +134,7 @@ def test_cameras_have_columns_and_pictures_of_their_own(photo_file, tmp_path, ca
     page = (tmp_path / "p.md").read_text()
     assert "| keypoints (least) | pose AUC@5 / 10 / 20 | epi@1 / 3 | epi median, px |\n" in page
     assert "Matches pass a ratio test, but for ms: a.b ORB 0.9." in page
+    assert "Matches of a.b ORB are refined by the two images, but for ms; no time has this in it." in page
     assert (tmp_path / "p-epi-1.png").exists() == plots.available()
 
 

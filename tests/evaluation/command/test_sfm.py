@@ -63,11 +63,18 @@ def test_few_images_are_placed_where_they_were(found):
     assert all(min(counts) <= int(mean) <= max(counts) for mean, _ in cells)
 
 
-@pytest.mark.parametrize("option", [["--counts", "equal"], ["--count-floor", "9"], ["--eps", "3"]])
+@pytest.mark.parametrize("option", [["--counts", "equal"], ["--count-floor", "9"], ["--eps", "3"], ["--refine"]])
 def test_options_of_scores_are_none_of_its_own(option, tmp_path, capsys):
     with pytest.raises(SystemExit):
         main(["sfm", "--dataset", f"strecha:{tmp_path}", "--detector", "sift", "--out", str(tmp_path), *option])
     assert f"unrecognized arguments: {option[0]}" in capsys.readouterr().err
+
+
+def test_refined_matches_are_refused_before_the_work(room_folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("elf_eval.run.runner._extract", lambda *_, **__: pytest.fail("worked"))
+    command = ["sfm", "--dataset", f"room=strecha:{room_folder}", "--detector", "sift?refine=true", "--sizes", "3"]
+    (line,) = error_of([*command, "--out", str(tmp_path), "--cache", str(tmp_path / "c"), "--quiet"], capsys)
+    assert line.startswith("method 'sift?refine=true': refine=true moves the points of a pair's matches")
 
 
 def test_images_that_are_not_placed_are_failures(room_folder, tmp_path):

@@ -40,6 +40,8 @@ def test_a_detector_cannot_describe_and_the_other_way_round(image):
         ("aliked:nowhere.onnx", "takes no file; OpenCV's is cv2-aliked:FILE.onnx"),
         ("sift?ratio=1", r"sift\?ratio=1: ratio is a number in \(0, 1\), not 1.0"),
         ("plugin:corners.Corners?ratio=much", "option ratio=much"),
+        ("sift?refine=maybe", r"sift\?refine=maybe: option refine=maybe: expected true or false"),
+        ("plugin:corners.Corners?refine=1", "option refine=1"),
         ("sobel?preset=none", "unknown preset"),
         ("sobel?denoise=4,2", "denoise"),
         ("sobel?denoise=four", "denoise=four"),

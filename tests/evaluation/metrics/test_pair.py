@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
+import cv2
 import numpy as np
 import pytest
 from scenes import SMALL
@@ -17,6 +19,8 @@ from elf_eval.methods import open_method
 from elf_eval.metrics.pair import pair_metrics
 from elf_eval.protocol import Protocol
 from elf_eval.run.cache import extract
+from elf_eval.run.refinement import refined_points
+from helpers import textured
 
 PROTOCOL = Protocol()
 
@@ -147,3 +151,41 @@ def test_all_metrics_of_a_pair_of_the_same_image(hpatches_folder):
     assert record["rep"] == record["mma@1"] == record["mma@10"] == 1.0
     assert record["h_auc@1"] > 0.999
     assert record["h_inliers"] == record["matches"] > 10
+
+
+def by(first, second, images):
+    return partial(refined_points, first, second, images)
+
+
+def test_refined_matches_are_nearer_to_the_truth_and_no_score_of_the_paper_s_changes(rng):
+    """Keypoints of a shifted image that are off by a pixel; the shift is a multiple of OpenCV's steps of 1/32."""
+    shift = np.array([2.28125, -1.59375])
+    image = cv2.GaussianBlur(textured(SIZE[1], SIZE[0]), (0, 0), 1.0)
+    matrix = np.array([[1, 0, shift[0]], [0, 1, shift[1]]])
+    images = (image, cv2.warpAffine(image, matrix, SIZE, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT))
+    points = rng.uniform((40, 40), (600, 440), (80, 2))
+    first, second = extracted(points, np.eye(80)), extracted(points + shift + rng.normal(0, 0.8, (80, 2)), np.eye(80))
+    truth = Homography(flat([[1, 0, shift[0]], [0, 1, shift[1]], [0, 0, 1]]))
+    plain = pair_metrics(first, second, truth, PROTOCOL)
+    refined = pair_metrics(first, second, truth, replace(PROTOCOL, refine=True), by(first, second, images))
+    assert plain["mma@1"] < 0.7 < 0.95 < refined["mma@1"]
+    assert refined["h_error"] < 0.1 < plain["h_error"]
+    kept = ("n1", "n2", "seen1", "seen2", "rep", "ms", "matches")
+    assert [refined[name] for name in kept] == [plain[name] for name in kept]
+
+
+def test_refined_matches_of_cameras_are_nearer_to_their_lines(rng):
+    """A camera that moves along the rows of a fronto-parallel wall, which shifts in the image by 3 pixels."""
+    image = cv2.GaussianBlur(textured(SIZE[1], SIZE[0]), (0, 0), 1.0)
+    images = (image, np.roll(image, 3, axis=1))
+    transform = np.eye(4)
+    transform[0, 3] = 1.0
+    points = rng.uniform((40, 40), (600, 440), (80, 2))
+    there = points + np.array([3, 0]) + rng.normal(0, 0.8, (80, 2))
+    first, second = extracted(points, np.eye(80)), extracted(there, np.eye(80))
+    truth = Calibrated(flat(K), flat(K), flat(transform))
+    plain = pair_metrics(first, second, truth, PROTOCOL)
+    refined = pair_metrics(first, second, truth, replace(PROTOCOL, refine=True), by(first, second, images))
+    assert refined["epi_median"] < 0.1 < plain["epi_median"]
+    assert refined["epi@1"] > plain["epi@1"]
+    assert refined["epi_ms"] == plain["epi_ms"]

@@ -23,3 +23,12 @@ def test_another_ratio_is_a_difference_to_know_about():
     older = replace(plain, protocol={k: v for k, v in plain.protocol.items() if k != "ratio"})
     assert warnings(older, own) == ["method SIFT: ratio None -> 0.8"]
     assert warnings(older, plain) == warnings(plain, older) == []
+
+
+def test_refined_matches_are_a_difference_to_know_about():
+    plain = results([pair("a", 1, PLACED)])
+    assert warnings(plain, results([pair("a", 1, PLACED)], refine=True)) == ["protocol refine: False -> True"]
+    own = replace(plain, methods=[{**plain.methods[0], "refine": True}])
+    older = replace(plain, protocol={k: v for k, v in plain.protocol.items() if k not in ("refine", "count_floor")})
+    assert warnings(older, own) == ["method SIFT: refine False -> True"]
+    assert warnings(older, plain) == warnings(plain, older) == []

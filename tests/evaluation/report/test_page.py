@@ -34,3 +34,15 @@ def test_a_page_states_the_ratios(tmp_path):
 
     assert say + "SIFT 0.8, ELF 0.9, ORB none." in page(ratios(0.8, 0.9, None), tmp_path / "each")
     assert say + "0.8." in page(ratios(0.8, 0.8, 0.8), tmp_path / "all")
+
+
+def test_a_page_says_whose_matches_are_refined(tmp_path):
+    found = results([pair("a", 1, PLANAR, method=name) for name in ("SIFT", "ELF", "ORB")])
+    assert "elf_runtime.refine" not in page(found, tmp_path / "none")
+
+    def refined(*values):
+        return replace(found, methods=[{**m, "refine": v} for m, v in zip(found.methods, values, strict=True)])
+
+    assert "Matches of SIFT, ORB are refined: " in page(refined(True, False, True), tmp_path / "some")
+    assert "Matches are refined: " in page(refined(True, True, True), tmp_path / "all")
+    assert "elf_runtime.refine" not in page(refined(False, False, False), tmp_path / "no")

@@ -103,6 +103,19 @@ def test_points_and_opencvs_matches() -> None:
         found.points(features(a), features(b[:3]))
 
 
+def test_another_matcher_s_pairs_keep_their_order() -> None:
+    found = Matches.of([[4, 1], [0, 3], [2, 2]])
+    assert found.indices.tolist() == [[4, 1], [0, 3], [2, 2]]
+    assert (found.indices.dtype, found.similarity.dtype, found.ratio.dtype) == (np.int64, np.float32, np.float32)
+    assert (found.similarity.tolist(), found.ratio.tolist()) == ([0, 0, 0], [1, 1, 1])
+    first, second = found.points(features(rows(5, 1, True)), features(rows(4, 2, True)))
+    assert (first.tolist(), second.tolist()) == ([[4, 8], [0, 0], [2, 4]], [[1, 2], [3, 6], [2, 4]])
+    assert len(Matches.of(np.zeros((0, 2)))) == 0
+    for wrong in ([1, 2, 3], [[0.5, 1.0]], [[0, -1]], [[0, 1, 2]]):
+        with pytest.raises(SettingError, match="matches "):
+            Matches.of(wrong)
+
+
 def test_nothing_matches_nothing() -> None:
     none = Matches.between(features(rows(0, 1, True)), features(rows(5, 1, True)))
     assert (len(none), none.indices.shape, none.similarity.shape, none.ratio.shape) == (0, (0, 2), (0,), (0,))
