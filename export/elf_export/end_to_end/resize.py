@@ -67,17 +67,26 @@ def _allowed(e: Emit, size: str, scale: str, spec: InputSpec) -> str:
 
 
 def _resampled(e: Emit, pixels: str, source: tuple[str, str], working: tuple[str, str], linear: bool) -> str:
-    """(N, H, W, C) -> (N, h, w, C), columns first as OpenCV: each is a weighted sum of the few that it covers."""
+    """(N, H, W, C) -> (N, h, w, C), columns first as OpenCV: each is a weighted sum of the few that it covers.
+
+    ONNX Runtime is fast where a transposition moves one axis to the end or from there.
+    """
     batch, channels = e.size(pixels, 0), e.size(pixels, 3)
-    for axis, other in ((1, source[0]), (0, working[1])):
-        # (n, N, other, C) -> (n, N * other * C) -> (m, K, N * other * C) -> (m, N, other, C)
-        swap = [2, 0, 1, 3] if axis else [1, 0, 2, 3]
-        lines = e("Reshape", e("Transpose", pixels, perm=swap), _shape(e, source[axis], i64(-1)))
-        index, weights = (_linear if linear else _area)(e, source[axis], working[axis])
-        mixed = e("MatMul", e("Unsqueeze", weights, np.array([1], i64)), e("Gather", lines, index, axis=0))
-        cube = e("Reshape", mixed, _shape(e, working[axis], batch, other, channels))
-        pixels = e("Transpose", cube, perm=[1, 2, 0, 3] if axis else [1, 0, 2, 3])
-    return pixels
+    # (N, H, W * C) -> (W * C, N, H) -> (w, C * N * H)
+    lines = e("Transpose", e("Reshape", pixels, _shape(e, batch, source[0], i64(-1))), perm=[2, 0, 1])
+    columns = _mixed(e, lines, source[1], working[1], linear)
+    # (w * C * N, H) -> (H, w * C * N) -> (h, w * C * N)
+    lines = e("Transpose", e("Reshape", columns, _shape(e, i64(-1), source[0])), perm=[1, 0])
+    mixed = e("Reshape", _mixed(e, lines, source[0], working[0], linear), _shape(e, i64(-1), batch))
+    # (h * w * C, N) -> (N, h * w * C)
+    return e("Reshape", e("Transpose", mixed, perm=[1, 0]), _shape(e, batch, *working, channels))
+
+
+def _mixed(e: Emit, lines: str, n: str, m: str, linear: bool) -> str:
+    """(n, ...) -> (m, P): the weighted sums of lines."""
+    index, weights = (_linear if linear else _area)(e, n, m)
+    taken = e("Gather", e("Reshape", lines, _shape(e, n, i64(-1))), index, axis=0)
+    return e("Squeeze", e("MatMul", e("Unsqueeze", weights, np.array([1], i64)), taken), np.array([1], i64))
 
 
 def _shape(e: Emit, *sizes: str | np.int64) -> str:
