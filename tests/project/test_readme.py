@@ -26,7 +26,7 @@ def run_the_blocks(page: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> 
     return names
 
 
-@pytest.mark.parametrize(("page", "second"), [("README.md", 482), ("docs/usage.md", 300)])
+@pytest.mark.parametrize(("page", "second"), [("README.md", 483), ("docs/usage.md", 300)])
 def test_the_python_runs_in_a_fresh_clone(
     page: str, second: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,7 +11,7 @@ from elf_runtime import DetectionParams, ModelContract
 
 from .describe import described
 from .emit import DOUBLE, FLOAT, Emit, f32, f64, i64
-from .levels import scores_and_level
+from .levels import rounded, scores_and_level
 from .places import (
     allowed_pixels,
     contrast_window,
@@ -61,10 +61,11 @@ def keypoints_of(graph: Graph, working: Working, maps: Maps, contract: ModelCont
     scores, level = scores_and_level(Emit(graph, "levels"), maps.saliency, params, allowed, THRESHOLD)
     passed = _passed(graph, working, contract, scores, level, allowed)
     e = Emit(graph, "suppress")
+    ranks = rounded(e, scores)
     window = Window.of(e, params.nms_radius, params.scale, working.scale, one_for_all=rounds > 0)
     if params.suppression == "maxima":
-        passed = e("And", passed, window_maxima(e, scores, window))
-    strength, flat, count = strongest(e, scores, greedy(e, scores, passed, window, rounds), MOST)
+        passed = e("And", passed, window_maxima(e, ranks, window))
+    strength, flat, count = strongest(e, scores, ranks, greedy(e, ranks, passed, window, rounds), MOST)
     x, y = _placed(graph, working, params, scores, flat, inside)
     e = Emit(graph, "source")
     columns = [e.column(e.cast(working.to_source(e, at, axis), FLOAT)) for at, axis in ((x, 1), (y, 0))]

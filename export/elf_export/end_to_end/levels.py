@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elf_runtime import DetectionParams
+from elf_runtime.detection.rounding import SHIFT
 
 from .emit import DOUBLE, FLOAT, INT64, Emit, Value, f32, f64, i64
 
@@ -65,6 +66,12 @@ def blurred(e: Emit, x: str, blur: tuple[int, float], quantize: bool = False) ->
     kernel = np.exp(-(at**2) / (2 * sigma**2))
     kernel = kernel / kernel.sum()
     return separable(e, x, kernel, kernel)
+
+
+def rounded(e: Emit, scores: str) -> str:
+    """To the significant bits of `elf_runtime.detection.rounding`; bytes have no more."""
+    total = e("Add", e("Mul", scores, SHIFT), scores)
+    return e("Sub", total, e("Sub", total, scores))
 
 
 def _kernel_of_bytes(mu: int, sigma: float) -> npt.NDArray[np.float64]:

@@ -110,13 +110,18 @@ def _loop(e: Emit, left: str, taken: str, window: Window) -> str:
     return e.loop(_MOST_ROUNDS, {inner: left, before: taken}, body)[1]
 
 
-def strongest(e: Emit, scores: str, taken: str, most: str) -> tuple[str, str, str]:
-    """Scores, (K,), and flat places, (K,) int64, of the `most` taken of the highest scores, ties in raster order.
+def strongest(e: Emit, scores: str, ranks: str, taken: str, most: str) -> tuple[str, str, str]:
+    """Scores, (K,), descending, and flat places, (K,) int64, of the `most` taken of the highest ranks.
+
+    Ranks, (1, 1, h, w), are the scores, `rounded`: of equal ones the first in raster order are kept.
 
     K is one at least, because OpenVINO 2026.4 ends a run without a word where steps have no rows, and leaves in the
     outputs what was there.  Third comes how many are keypoints, int64 ().
     """
     found = e.cast(e("ReduceSum", taken, keepdims=0), INT64)
     count = e("Max", e("Min", found, most), i64(0))
-    values = e.flat(e("Where", e("Greater", taken, f32(0)), scores, f32(-1)))
-    return *e.top(values, e("Max", count, i64(1)), sort=True), count
+    values = e.flat(e("Where", e("Greater", taken, f32(0)), ranks, f32(-1)))
+    rows = e("Max", count, i64(1))
+    _, kept = e.top(values, rows, sort=True)
+    strength, order = e.top(e("Gather", e.flat(scores), kept), rows, sort=True)
+    return strength, e("Gather", kept, order), count

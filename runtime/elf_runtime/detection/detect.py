@@ -16,6 +16,7 @@ from .grid import cell_of, passing_by_cell
 from .oriented import Oriented
 from .pyramid import Candidates, merged
 from .refine import quadratic_peaks
+from .rounding import rounded
 from .select import Index, select_keypoints
 from .threshold import blurred, lowest_passing, reaching
 from .working_image import Levels, WorkingImage, window_sizes
@@ -65,8 +66,10 @@ def detect(seen: Sequence[Seen], params: DetectionParams, watch: Stopwatch, orie
             sizes = np.full(len(where), own[number]) if oriented is None else oriented.sizes(number, where)
             described = _read(one.described, where) if oriented is None else np.zeros((len(where), 0), np.float32)
             parts.append((scores[number][kept], one.image.scaling.to_source(where), sizes, described))
+        strength, places, sizes, descriptors = (np.concatenate(part) for part in zip(*parts, strict=True))
         order = np.argsort(np.argsort(level, kind="stable"))  # of what is kept, level by level
-        strength, places, sizes, descriptors = (np.concatenate(part)[order] for part in zip(*parts, strict=True))
+        order = order[np.argsort(-strength[order], kind="stable")]  # what was equal once rounded too
+        strength, places, sizes, descriptors = (rows[order] for rows in (strength, places, sizes, descriptors))
         angles = np.full(len(places), -1, np.float32)
         if oriented is not None:
             angles, descriptors = oriented.described(places, sizes, angles)
@@ -99,13 +102,14 @@ def _maxima(seen: Seen, params: DetectionParams, watch: Stopwatch) -> tuple[Leve
 def _across_scales(
     images: Levels, points: Sequence[Index], scores: Sequence[Array], params: DetectionParams
 ) -> tuple[Index, Index]:
-    """The keypoints kept, the strongest first: (K,) the level of each, and its index among that level's."""
+    """The keypoints kept, the strongest first once rounded: (K,) the level of each, its index among that level's."""
     if len(images) == 1:
         return np.zeros(len(points[0]), np.int64), np.arange(len(points[0]))
     candidates = []
     for image, found, strength in zip(images, points, scores, strict=True):
         cell, cells = cell_of(found, image.scaling.working, params.grid)
-        candidates.append(Candidates(image.scaling.to_source(found), strength, image.scaling.scale, cell, cells))
+        places = image.scaling.to_source(found)
+        candidates.append(Candidates(places, rounded(strength), image.scaling.scale, cell, cells))
     radius = min(params.nms_radius, max(images[0].scaling.source))
     return merged(candidates, radius, params.max_keypoints)
 

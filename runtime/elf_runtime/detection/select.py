@@ -10,6 +10,7 @@ from elf_runtime.params import DetectionParams
 from .contrast import contrast_at, contrast_map
 from .grid import shared_out
 from .nms import Scores, greedy_nms, window_maxima
+from .rounding import rounded
 from .working_image import WorkingImage
 
 Index = npt.NDArray[np.int64]
@@ -18,7 +19,7 @@ Index = npt.NDArray[np.int64]
 def select_keypoints(
     scores: Scores, mask: npt.NDArray[np.bool_], image: WorkingImage, params: DetectionParams
 ) -> tuple[Index, Scores]:
-    """The keypoints among the pixels that passed the threshold, the strongest first, ties in raster order.
+    """The keypoints among the pixels that passed the threshold, by descending `rounded` score, ties in raster order.
 
     Parameters
     ----------
@@ -30,6 +31,7 @@ def select_keypoints(
     -------
     points : (N, 2) int64, (x, y) in working pixels
     scores : (N,)
+        As they are given.
     """
     found, strength = _suppressed(scores, mask, image, params)
     if params.min_contrast > 0.0:
@@ -50,10 +52,11 @@ def _suppressed(
     spread = params.grid != (1, 1)
     limit = None if spread else params.max_keypoints
     radius = image.scaling.radius(params.nms_radius)
+    ranks = rounded(scores)
     if params.suppression == "maxima":
-        mask = mask & window_maxima(scores, radius)  # what exceeds a pixel need not have passed
-    found, strength = greedy_nms(scores[inside], mask[inside], radius, limit)
+        mask = mask & window_maxima(ranks, radius)  # what exceeds a pixel need not have passed
+    found, strength = greedy_nms(ranks[inside], mask[inside], radius, limit)
     found += (columns, rows)
     if spread:
-        found, strength = shared_out(found, strength, (height, width), params.grid, params.max_keypoints)
-    return found, strength
+        found, _ = shared_out(found, strength, (height, width), params.grid, params.max_keypoints)
+    return found, scores[found[:, 1], found[:, 0]]

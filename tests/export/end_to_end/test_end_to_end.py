@@ -101,6 +101,22 @@ def test_the_bundled_models_alone(precision: str) -> None:
         assert_same(wanted, *alone.run(None, {"image": IMAGES[name][None]}))
 
 
+def test_straight_edges_have_the_runtime_s_keypoints() -> None:
+    """In fp32 places along an edge differ in the last bits, and not the same ones here and there."""
+    elf, alone, params = session(bundled_model("fp32"))
+    found = near = 0
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        image = np.full((*rng.integers(120, 400, 2), 3), rng.integers(0, 256, 3), np.uint8)
+        image[rng.integers(40, 80) :, rng.integers(40, 80) :] = rng.integers(0, 256, 3)
+        wanted, there = elf.detect(image, **params).keypoints, alone.run(None, {"image": image[None]})[0]
+        assert len(there) == len(wanted)
+        found += len(wanted)
+        near += (np.abs(wanted[:, None] - there[None]).max(axis=2).min(axis=1) <= 0.01).sum()
+    assert found > 200
+    assert near >= 0.995 * found
+
+
 def test_inputs_that_have_defaults() -> None:
     elf, alone, params = session(TINY, threshold="none", max_keypoints=40)
     image = IMAGES["textured"]

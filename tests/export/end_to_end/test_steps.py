@@ -14,6 +14,7 @@ from elf_runtime import DescriptorSpec, DetectionParams, InputSpec
 from elf_runtime.detection.contrast import contrast_map
 from elf_runtime.detection.descriptors import sample
 from elf_runtime.detection.refine import quadratic_peaks
+from elf_runtime.detection.rounding import rounded
 from elf_runtime.detection.threshold import blurred, lowest_passing
 from elf_runtime.image.convert import resized, to_pixels
 from elf_runtime.image.masks import shrunk
@@ -183,17 +184,35 @@ def test_the_strongest_come_first_ties_in_raster_order(most: int) -> None:
     scores = rng.integers(1, 4, (20, 30)).astype(np.float32)
     taken = (rng.random((20, 30)) < 0.2).astype(np.float32)
     inputs = {"s": scores[None, None], "t": taken[None, None], "most": np.int64(most)}
-    values, flat, count = run(suppress.strongest, inputs)
+    values, flat, count = run(lambda e, s, t, most: suppress.strongest(e, s, s, t, most), inputs)
     wanted = [i for i in np.argsort(-scores.ravel(), kind="stable") if taken.ravel()[i]][:most]
     assert (len(flat), count) == (max(len(wanted), 1), len(wanted))
     assert flat[:count].tolist() == wanted
     np.testing.assert_array_equal(values[:count], scores.ravel()[wanted])
 
 
+def test_ranks_say_which_are_kept_and_scores_in_which_order() -> None:
+    ranks = np.array([[1, 2, 2, 2, 3]], np.float32)
+    scores = np.array([[1.1, 2.1, 1.9, 2.2, 2.9]], np.float32)
+    inputs = {"s": scores[None, None], "r": ranks[None, None], "t": np.ones((1, 1, 1, 5), np.float32), "m": np.int64(3)}
+    values, flat, count = run(suppress.strongest, inputs)
+    assert (flat.tolist(), count) == ([4, 1, 2], 3)
+    np.testing.assert_array_equal(values, scores[0, [4, 1, 2]])
+
+
+def test_scores_are_rounded_as_the_runtime_s() -> None:
+    rng = np.random.default_rng(4)
+    scores = (rng.random(100_000) * 2.0 ** rng.integers(-30, 30, 100_000)).astype(np.float32)
+    (found,) = run(levels.rounded, {"s": scores})
+    np.testing.assert_array_equal(found, rounded(scores))
+    assert len(np.unique(found)) < len(np.unique(scores))
+
+
 def test_sub_pixel_places() -> None:
     rng = np.random.default_rng(2)
     scores = rng.integers(0, 5, (23, 31)).astype(np.float32)  # plateaus, ties and saddles among them
     scores[10:] += rng.random((13, 31)).astype(np.float32)
+    scores[:5] *= (1 + 1e-6 * rng.standard_normal((5, 31))).astype(np.float32)
     y, x = np.divmod(np.arange(scores.size), 31)
     inputs = {"s": scores[None, None], "x": x, "y": y, "h": np.int64(23), "w": np.int64(31)}
     found = run(lambda e, s, x, y, h, w: refine.quadratic_peaks(e, s, x, y, (h, w)), inputs)

@@ -52,5 +52,35 @@ def test_never_more_than_half_a_pixel() -> None:
     assert np.abs(quadratic_peaks(scores, points) - points).max() <= 0.5
 
 
+@pytest.mark.parametrize("slanted", [False, True])
+def test_along_an_edge_only_noise_makes_tops(slanted: bool) -> None:
+    """Across it a keypoint moves to the top; along it, where all places are equal but for noise, it stays."""
+    rng = np.random.default_rng(0)
+    v, u = np.mgrid[:40, :40]
+    across = (u - v) / np.sqrt(2) if slanted else u - 20.3
+    ridge = (2000 - 20 * across**2) * (1 + 1e-6 * rng.standard_normal((40, 40)))
+    points = np.stack([np.arange(5, 35)] * 2, axis=1) if slanted else np.array([(20, y) for y in range(5, 35)])
+    wanted = points + ([0, 0] if slanted else [0.3, 0])
+    np.testing.assert_allclose(quadratic_peaks(ridge.astype(np.float32), points), wanted, atol=0.01)
+
+
+def test_of_two_equal_pixels_either_is_a_maximum() -> None:
+    v = np.mgrid[:9, :30][0]
+    ridge = 1 - 0.1 * (v - 4.5) ** 2
+    noisy = (ridge * (1 + 1e-7 * np.random.default_rng(0).standard_normal(ridge.shape))).astype(np.float32)
+    for row in (4, 5):
+        points = np.array([(x, row) for x in range(3, 27)])
+        np.testing.assert_allclose(quadratic_peaks(noisy, points)[:, 1], 4.5, atol=1e-4)
+
+
+@pytest.mark.parametrize(("curvature", "moves"), [(2.0**-11, True), (2.0**-13, False)])
+def test_what_is_flat_is_a_share_of_the_value(curvature: float, moves: bool) -> None:
+    for value in (1e-3, 200.0):
+        u = np.arange(9)
+        row = value * (1 - curvature * (u - 4.25) ** 2 / 2)
+        found = quadratic_peaks(np.tile(row, (9, 1)).astype(np.float32), np.array([[4, 4]]))
+        np.testing.assert_allclose(found, [[4.25 if moves else 4, 4]], atol=0.02)
+
+
 def test_no_points() -> None:
     assert quadratic_peaks(bump(3, 3), np.zeros((0, 2), np.int64)).shape == (0, 2)
