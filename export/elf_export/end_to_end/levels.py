@@ -85,14 +85,16 @@ def _kernel_of_bytes(mu: int, sigma: float) -> npt.NDArray[np.float64]:
     return np.asarray(np.floor(seen * 256 / 255 + 0.5) / 256)
 
 
-def separable(e: Emit, x: str, along_x: Value, along_y: Value, channels: int = 1) -> str:
-    """Correlation with the product of two odd kernels of one length, channel by channel, mirrored at the border."""
+def separable(e: Emit, x: str, along_x: Value, along_y: Value) -> str:
+    """Correlation of (1, 1, h, w) with the product of two odd kernels of one length, mirrored at the border."""
     kx, ky = (np.asarray(k, f32) for k in (along_x, along_y))
-    r = len(kx) // 2
-    x = e("Pad", x, np.array([0, 0, r, r, 0, 0, r, r], i64), mode="reflect")
-    for kernel in (kx.reshape(1, 1, 1, -1), ky.reshape(1, 1, -1, 1)):
-        x = e("Conv", x, np.repeat(kernel, channels, axis=0), group=channels)
-    return x
+    x = mirrored(e, x, len(kx) // 2)
+    return e("Conv", e("Conv", x, kx.reshape(1, 1, 1, -1)), ky.reshape(1, 1, -1, 1))
+
+
+def mirrored(e: Emit, x: str, r: int) -> str:
+    """(N, C, h, w) with r pixels more on each side, mirrored about the outermost ones."""
+    return e("Pad", x, np.array([0, 0, r, r, 0, 0, r, r], i64), mode="reflect")
 
 
 def _histogram(e: Emit, smooth: str, allowed: str) -> str:

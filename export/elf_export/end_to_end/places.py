@@ -8,7 +8,7 @@ from elf_runtime import DetectionParams
 from elf_runtime.detection.contrast import LEAST_WINDOW
 
 from .emit import DOUBLE, FLOAT, INT64, Emit, f32, f64, i64
-from .levels import separable
+from .levels import mirrored, separable
 from .resize import Working
 
 
@@ -73,9 +73,8 @@ def within_border(e: Emit, border: int, working: Working) -> str:
 
 def textured(e: Emit, pixels: str) -> str:
     """bool (): whether the pixels, (1, H, W, C) of the image, have more than one colour."""
-    first = e("Slice", pixels, np.array([0, 0], i64), np.array([1, 1], i64), np.array([1, 2], i64))
-    differs = e("Abs", e("Sub", pixels, first))
-    return e("Greater", e("ReduceMax", differs, keepdims=0), f32(0))
+    most, least = (e(op, pixels, axes=[1, 2], keepdims=0) for op in ("ReduceMax", "ReduceMin"))
+    return e("Greater", e("ReduceMax", e("Sub", most, least), keepdims=0), f32(0))
 
 
 def contrast_window(receptive_field: float) -> int:
@@ -90,12 +89,13 @@ def enough_contrast(e: Emit, pixels: str, channels: int, side: int, least: float
     centred = e("Sub", x, e("ReduceMean", x, keepdims=1))
     r = side // 2
     ones, ramp = np.ones(side) / side, np.arange(-r, r + 1) / side
-    mean, along_x, along_y = (
-        separable(e, centred, kx, ky, channels) for kx, ky in ((ones, ones), (ramp, ones), (ones, ramp))
-    )
-    square = separable(e, e("Mul", centred, centred), ones, ones, channels)
-    slopes = e("Add", e("Mul", along_x, along_x), e("Mul", along_y, along_y))
-    plane = e("Mul", slopes, f32(3 / (r * (r + 1))))
-    left = e("Sub", e("Sub", square, e("Mul", mean, mean)), plane)
-    variance = e("ReduceMean", left, axes=[1], keepdims=0)
-    return e("Squeeze", e("Not", e("Less", variance, f32(least * least))), np.array([0], i64))
+    slope = ramp * np.sqrt(3 / (r * (r + 1)))
+    # Of each channel the means of g, y g and x g, so scaled that their squares are what a plane explains.
+    means = mirrored(e, centred, r)
+    for kernels, shape in (((ones, slope), (1, 1, -1)), ((ones, slope, ones, 0 * ones), (1, -1, 1))):
+        filters = np.stack([kernel.reshape(shape) for kernel in kernels * channels]).astype(f32)
+        means = e("Conv", means, filters, group=channels * len(kernels) // 2)
+    explained = e("Mul", e("ReduceSumSquare", means, axes=[1], keepdims=1), f32(1 / channels))
+    square = separable(e, e("ReduceMean", e("Mul", centred, centred), axes=[1], keepdims=1), ones, ones)
+    enough = e("Not", e("Less", e("Sub", square, explained), f32(least * least)))
+    return e("Squeeze", enough, np.array([0, 1], i64))
