@@ -47,7 +47,7 @@ class Spec:
 
     @classmethod
     def parse(cls, text: str) -> Spec:
-        """Split a text.  Raises EvalError where an option is not ``name=value``."""
+        """Split a text.  Raises EvalError where an option is not ``name=value``, or given twice."""
         head, _, tail = text.partition("?")
         kind, _, argument = head.partition(":")
         options: dict[str, str] = {}
@@ -55,6 +55,8 @@ class Spec:
             name, equals, value = item.partition("=")
             if not equals:
                 raise EvalError(f"{text}: option {item!r} is not name=value")
+            if name in options:
+                raise EvalError(f"{text}: option {name} is given twice")
             options[name] = value
         return cls(text, kind, argument, options)
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from elf_runtime.errors import ElfError, SettingError
 from elf_runtime.image.exif import focal_length_px
-from elf_runtime.image.file import ImageFile, image_errors, read
+from elf_runtime.image.file import ImageFile, image_errors
 from elf_runtime.results.features import Features, load_record
 from elf_runtime.results.global_descriptor import global_descriptor, nearest, nearest_pairs
 
@@ -184,16 +184,19 @@ class Views:
         Raises
         ------
         ElfError
-            If it can't be read, or is not of the features' size.
+            If it can't be read, or is not the one, or of the size, that the features were made from.
         """
         if index in self._seen:
             self._seen.move_to_end(index)
             return self._seen[index]
         path, record = self._image(index), self._records.get(index) or {}
         stored = bool(record.get("ignore_exif", self._args.ignore_exif))
-        found = read(path, ignore_exif=stored, max_pixels=self._args.max_pixels)
+        file = ImageFile(path, self._args.max_pixels)
+        found = file.decoded(stored)
         if found.shape[:2] != tuple(self.features(index).image_size):
             raise ElfError(f"{path}: it is no longer of the size that {self.paths[index]} was made from")
+        if record.get("image_sha256") not in (None, file.sha256):
+            raise ElfError(f"{path}: it is no longer the image that {self.paths[index]} was made from")
         self._seen[index] = found
         if len(self._seen) > 2:
             self._seen.popitem(last=False)

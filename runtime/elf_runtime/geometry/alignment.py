@@ -11,8 +11,10 @@ Array = npt.NDArray[np.float32]
 UPRIGHT: Array = np.eye(2, dtype=np.float32)
 _MOST_STEPS = 15
 _SETTLED = 0.01  # pixels: a search whose step is shorter has ended
-# Damps the steps of patches of unit contrast, above all those of the shape; where they end is the same.
-_DAMPING = np.diag([1e-4] * 2 + [1e-2] * 4)
+# Of patches of unit contrast.  The first damps the steps, but where they end is the same.  The second is what it costs,
+# in squared differences, that the other image's shape moves the square's edge by a pixel from that of the start.
+_DAMPING = 1e-4
+_STIFFNESS = 1e-3
 
 
 class Squares:
@@ -24,7 +26,9 @@ class Squares:
 
     The six are sought by Gauss-Newton steps for the least squared difference (Gruen, "Adaptive least squares
     correlation", South African Journal of Photogrammetry, 1985), taken in the first image, whose slopes are computed
-    once: the inverse compositional algorithm of Baker and Matthews ("Lucas-Kanade 20 years on", IJCV 2004).
+    once: the inverse compositional algorithm of Baker and Matthews ("Lucas-Kanade 20 years on", IJCV 2004).  A shape
+    that differs from the start's costs something: where the images say little of it, as on straight edges or where
+    one of them is blurred, it stays.
 
     Parameters
     ----------
@@ -49,9 +53,12 @@ class Squares:
         # What another brightness or contrast would change as well tells nothing.
         changes -= changes @ self._ramps @ self._ramps.T
         changes -= (changes @ self._patches[:, :, None]) * self._patches[:, None]
-        normal = (changes @ changes.transpose(0, 2, 1)).astype(np.float64) + _DAMPING
-        self._steps = np.linalg.inv(normal).astype(np.float32) @ changes  # (K, 6, P)
-        self._steps[:, 2:] /= half
+        normal = (changes @ changes.transpose(0, 2, 1)).astype(np.float64) + np.diag([_DAMPING] * 2 + [_STIFFNESS] * 4)
+        inverse = np.linalg.inv(normal).astype(np.float32)
+        self._steps = inverse @ changes  # (K, 6, P)
+        self._springs = half * np.float32(_STIFFNESS) * inverse[:, :, 2:]  # (K, 6, 4)
+        for each in (self._steps, self._springs):
+            each[:, 2:] /= half
 
     def correlation(self, image: Array, places: Array, shapes: Array) -> Array:
         """Normalised cross-correlation, (K,) in [-1, 1], with `image` at (K, 2) places under (K, 2, 2) shapes."""
@@ -63,22 +70,21 @@ class Squares:
 
         They are NaN or infinite where it leads nowhere.
         """
-        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-            return self._search(image, places.copy(), shapes.copy())
-
-    def _search(self, image: Array, places: Array, shapes: Array) -> tuple[Array, Array]:
-        """`aligned`, in place."""
+        start, places, shapes = _inverse(shapes), places.copy(), shapes.copy()
         going = np.arange(len(places))
         for _ in range(_MOST_STEPS):
             if not len(going):
                 break
             seen, _ = self._normalized(_sampled(image, places[going], shapes[going], self._offsets))
-            change = (self._steps[going] @ (seen - self._patches[going])[:, :, None])[:, :, 0]
-            # By how the first image's square would have to change; its inverse goes before the map so far.
-            shapes[going] = shapes[going] @ _inverse(UPRIGHT + change[:, 2:].reshape(-1, 2, 2))
-            step = (shapes[going] @ change[:, :2, None])[:, :, 0]
-            places[going] -= step
-            going = going[np.linalg.norm(step, axis=1) > _SETTLED]
+            with np.errstate(over="ignore", invalid="ignore"):
+                strain = (start[going] @ shapes[going] - UPRIGHT).reshape(-1, 4)
+                change = self._steps[going] @ (seen - self._patches[going])[:, :, None]
+                change = (change + self._springs[going] @ strain[:, :, None])[:, :, 0]
+                # By how the first image's square would have to change; its inverse goes before the map so far.
+                shapes[going] = shapes[going] @ _inverse(UPRIGHT + change[:, 2:].reshape(-1, 2, 2))
+                step = (shapes[going] @ change[:, :2, None])[:, :, 0]
+                places[going] -= step
+                going = going[np.linalg.norm(step, axis=1) > _SETTLED]
         return places, shapes
 
     def _normalized(self, patches: Array) -> tuple[Array, Array]:
@@ -96,11 +102,13 @@ def _offsets(side: int) -> Array:
 
 def _sampled(image: Array, places: Array, shapes: Array, offsets: Array) -> Array:
     """(K, P): the pixels at ``place + shape @ offset``, interpolated; beyond the image its edge goes on."""
-    at = places[:, :, None] + shapes @ offsets
+    with np.errstate(over="ignore", invalid="ignore"):
+        at = places[:, :, None] + shapes @ offsets
     return np.asarray(cv2.remap(image, at[:, 0], at[:, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _inverse(shapes: Array) -> Array:
-    """Of (K, 2, 2) maps; infinite where there is none."""
+    """Of (K, 2, 2) maps; infinite or NaN where there is none."""
     (a, b), (c, d) = shapes.transpose(1, 2, 0)
-    return np.asarray(np.stack([d, -b, -c, a], axis=1) / (a * d - b * c)[:, None]).reshape(-1, 2, 2)
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        return np.asarray(np.stack([d, -b, -c, a], axis=1) / (a * d - b * c)[:, None]).reshape(-1, 2, 2)

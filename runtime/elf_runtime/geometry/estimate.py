@@ -10,7 +10,7 @@ import numpy as np
 from elf_runtime.errors import SettingError
 from elf_runtime.image.file import ImageLike
 from elf_runtime.results.features import Array, Features
-from elf_runtime.results.matches import Matches
+from elf_runtime.results.matches import Matches, checked_matches
 
 from .cameras import Cameras
 from .fit import Search, fit
@@ -83,8 +83,7 @@ def estimate(
     cameras = None if K is None else Cameras.of(K)
     if matches is None:
         matches = Matches.between(a, b, ratio)
-    if not isinstance(matches, Matches):
-        raise SettingError(f"matches are Matches, as of Matches.between(a, b), not {type(matches).__name__}")
+    checked_matches(matches)
     if images is not None and not (isinstance(images, (tuple, list)) and len(images) == 2):
         raise SettingError("images is the pair of the first and the second image")
     first, second = matches.points(a, b)

@@ -9,13 +9,14 @@ from elf_runtime.errors import ImageError, SettingError
 from elf_runtime.image.convert import to_pixels
 from elf_runtime.image.file import ImageLike, image_errors, read
 from elf_runtime.results.features import Array, Features
-from elf_runtime.results.matches import Matches
+from elf_runtime.results.matches import Matches, checked_matches
 from elf_runtime.values import is_int, is_number
 
 from .alignment import UPRIGHT, Squares
 
 _GRAY = InputSpec(color="gray", channels=1)
-_BAND = 256  # matches that are aligned at once: what they need stays in a processor's cache
+_MOST_PIXELS = 32766  # of a side, that OpenCV's remap takes
+_BAND = 64  # matches that are aligned at once: what they need stays in a processor's cache
 
 
 def refine(
@@ -25,7 +26,7 @@ def refine(
     image_a: ImageLike,
     image_b: ImageLike,
     *,
-    window: int = 21,
+    window: int = 31,
     max_move: float = 6.0,
     min_correlation: float = 0.8,
 ) -> Array:
@@ -37,7 +38,7 @@ def refine(
     the patches are more alike with them than without.  So it follows light, a change of view and, with `oriented`
     features, turns and zooms.  A match moves only if both of these hold, and stays where it is otherwise:
 
-    - the place found is less than `max_move` away;
+    - the place found is inside the image and less than `max_move` away;
     - the correlation of the patches is higher than before, and above `min_correlation`.
 
     Parameters
@@ -62,10 +63,11 @@ def refine(
     Raises
     ------
     ImageError
-        If an image can't be read or processed, or is not of its features' size.
+        If an image can't be read or processed, is not of its features' size, or has a side above 32766 pixels.
     SettingError
-        If a setting is out of range.
+        If a setting is out of range, or `matches` are none.
     """
+    checked_matches(matches)
     if not (is_int(window) and 5 <= window <= 101 and window % 2 == 1):
         raise SettingError(f"window is an odd number of pixels from 5 to 101, not {window!r}")
     if not (is_number(max_move) and max_move > 0):
@@ -76,14 +78,15 @@ def refine(
     first, second = _gray(image_a, a, "first"), _gray(image_b, b, "second")
     told, refined = _told(matches, a, b), before.copy()
     for band in (slice(i, i + _BAND) for i in range(0, len(matches), _BAND)):
-        squares = Squares(first, start[band], window)
+        squares = Squares(first, start[band], int(window))
         places, shapes = before[band], np.tile(UPRIGHT, (len(start[band]), 1, 1))
         upright, turned = (squares.correlation(second, places, each) for each in (shapes, told[band]))
         shapes = np.where((turned > upright)[:, None, None], told[band], shapes)
         found, shapes = squares.aligned(second, places, shapes)
         after = squares.correlation(second, found, shapes)
         better = (after > np.maximum(upright, turned)) & (after > min_correlation)
-        moves = better & (np.linalg.norm(found - places, axis=1) < max_move)
+        inside = ((found > -0.5) & (found < np.subtract(second.shape[::-1], 0.5))).all(axis=1)
+        moves = better & inside & (np.linalg.norm(found - places, axis=1) < max_move)
         refined[band] = np.where(moves[:, None], found, places)
     return refined
 
@@ -95,6 +98,8 @@ def _gray(image: ImageLike, features: Features, which: str) -> Array:
     if gray.shape != tuple(features.image_size):
         (height, width), (h, w) = gray.shape, features.image_size
         raise ImageError(f"the {which} image has {width}x{height} pixels, but its features are of one of {w}x{h}")
+    if max(gray.shape) > _MOST_PIXELS:
+        raise ImageError(f"the {which} image has a side above {_MOST_PIXELS} pixels; matches can't be refined by it")
     return gray
 
 
@@ -103,5 +108,6 @@ def _told(matches: Matches, a: Features, b: Features) -> Array:
     i, j = matches.indices.T
     zoom = b.sizes[j] / a.sizes[i]
     turn = np.where((a.angles[i] >= 0) & (b.angles[j] >= 0), np.radians(b.angles[j] - a.angles[i]), 0.0)
-    cos, sin = zoom * np.cos(turn), zoom * np.sin(turn)
+    with np.errstate(over="ignore", invalid="ignore"):
+        cos, sin = zoom * np.cos(turn), zoom * np.sin(turn)
     return np.stack([cos, -sin, sin, cos], axis=1).reshape(-1, 2, 2).astype(np.float32)

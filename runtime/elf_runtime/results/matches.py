@@ -118,3 +118,10 @@ class Matches:
         if not len(self):
             return "Matches(0)"
         return f"Matches({len(self)}, ratio {self.ratio.min():.2f} to {self.ratio.max():.2f})"
+
+
+def checked_matches(matches: object) -> None:
+    """Raise a SettingError where these are no `Matches`."""
+    if not isinstance(matches, Matches):
+        what = "matches are Matches, as of Matches.of(pairs) or Matches.between(a, b)"
+        raise SettingError(f"{what}, not {type(matches).__name__}")

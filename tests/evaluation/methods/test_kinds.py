@@ -48,6 +48,7 @@ def test_a_detector_cannot_describe_and_the_other_way_round(image):
         ("sobel?scale=0.5", "not at scale"),
         ("plugin:nowhere.make", "can't import"),
         ("sift?fast", "not name=value"),
+        ("sift?refine=true&ratio=0.8&refine=false", "option refine is given twice"),
     ],
 )
 def test_a_wrong_text_is_named(text, words):

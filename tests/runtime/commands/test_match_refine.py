@@ -15,7 +15,7 @@ from elf_runtime import ElfRuntime, Matches, match, refine
 from elf_runtime.commands import match_report, match_views
 from elf_runtime.commands.detect import main as detect
 from elf_runtime.commands.match import main
-from elf_runtime.image import read
+from elf_runtime.image.file import ImageFile, read
 from elf_runtime.pictures.render import match_picture
 from helpers import textured, turned_jpeg
 
@@ -125,10 +125,35 @@ def test_an_image_is_read_once_for_both_refinement_and_picture(
 ) -> None:
     opened: list[str] = []
 
-    def counted(path: Path, **more: Any) -> Any:
+    def counted(path: Path, *more: Any) -> Any:
         opened.append(str(path))
-        return read(path, **more)
+        return ImageFile(path, *more)
 
-    monkeypatch.setattr(match_views, "read", counted)
+    monkeypatch.setattr(match_views, "ImageFile", counted)
     assert run("photos", "--pairs", "sequential:1", "--refine", "-o", "out") == 0
-    assert opened == photos
+    assert sorted(opened) == sorted([*photos, *photos])  # once more for the detection
+
+
+def test_of_a_feature_file_no_other_image_is_taken(photos: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert detect(["photos", "-o", "features", *ALONE, "--quiet"]) == 0
+    files = [str(path) for path in sorted(Path("features").rglob("*.npz"))[:2]]
+    assert main([*files, "--refine"]) == 0
+    Path(photos[1]).write_bytes(Path(photos[2]).read_bytes())  # of the same size
+    capsys.readouterr()
+    for option in (["--refine"], ["-o", "drawn.png"]):
+        assert main([*files, *option]) == 1
+        assert "2.png: it is no longer the image that" in capsys.readouterr().err
+    assert not Path("drawn.png").exists()
+
+
+def test_an_image_too_wide_to_refine_by_does_not_end_the_others(
+    photos: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    wide = np.random.default_rng(1).integers(0, 255, (40, 33000), np.uint8)
+    for name in ("8.png", "9.png"):
+        cv2.imwrite(f"photos/{name}", cv2.GaussianBlur(wide, (0, 0), 2))
+    assert run("photos", "--refine", "--max-side", "4000", "--json", "found.json") == 1
+    assert "has a side above 32766 pixels; matches can't be refined by it" in capsys.readouterr().err
+    pairs = json.loads(Path("found.json").read_text())["pairs"]
+    assert sum("error" in pair and pair["error"] is not None for pair in pairs) == 7
+    assert len(pairs) == 10
