@@ -65,22 +65,24 @@ def by_the_steps(image: np.ndarray, given: Mapping[str, Any] | None = None) -> t
         outside = (centre < border) | (centre > large - 1 - border) if border else np.zeros(small, bool)
         passes[(outside, slice(None)) if axis == 0 else (slice(None), outside)] = False
     # 6
+    ranks = _rounded(scores)
     radius = max(1, round(settings["nms_radius"] * scale)) if settings["nms_radius"] else 0
     if settings.get("suppression", "greedy") == "maxima":
         for y, x in np.argwhere(passes):
-            around = scores[max(0, y - radius) : y + radius + 1, max(0, x - radius) : x + radius + 1]
-            passes[y, x] = scores[y, x] >= around.max()
+            around = ranks[max(0, y - radius) : y + radius + 1, max(0, x - radius) : x + radius + 1]
+            passes[y, x] = ranks[y, x] >= around.max()
     found: list[tuple[int, int]] = []
-    for index in np.argsort(-scores.ravel().astype(float), kind="stable"):
+    for index in np.argsort(-ranks.ravel().astype(float), kind="stable"):
         y, x = divmod(int(index), w)
         if passes[y, x] and len(found) < settings["max_keypoints"]:
             found.append((x, y))
             passes[max(0, y - radius) : y + radius + 1, max(0, x - radius) : x + radius + 1] = False
+    found.sort(key=lambda place: -float(scores[place[1], place[0]]))
     # 7
     ratio = np.array([w / width, h / height])
     points = np.array(found, float)
     for row, (x, y) in enumerate(found if settings["subpixel"] else []):
-        moved = points[row] + _step(scores.astype(float), x, y)
+        moved = points[row] + _step(scores, x, y)
         source = (moved + 0.5) / ratio - 0.5
         if not border or ((source >= border) & (source <= np.array([width, height]) - 1 - border)).all():
             points[row] = moved
@@ -98,21 +100,31 @@ def by_the_steps(image: np.ndarray, given: Mapping[str, Any] | None = None) -> t
     return (points + 0.5) / ratio - 0.5, np.array(rows)
 
 
-def _step(scores: np.ndarray, x: int, y: int) -> np.ndarray:
+def _rounded(scores: np.ndarray) -> np.ndarray:
+    """Step 6: to 14 significant bits."""
+    if scores.dtype == np.uint8:
+        return scores
+    t = np.float32(1024) * scores + scores
+    return t - (t - scores)
+
+
+def _step(given: np.ndarray, x: int, y: int) -> np.ndarray:
     """Step 7: how far (x, y) moves."""
-    h, w = scores.shape
+    (h, w), scores, ranks = given.shape, given.astype(float), _rounded(given).astype(float)
     free = (0 < x < w - 1, 0 < y < h - 1)
     b, step, slope, curve = scores[y, x], np.zeros(2), [0.0, 0.0], [0.0, 0.0]
+    e = b / 4096
     for axis, (dx, dy) in enumerate(((1, 0), (0, 1))):
         if free[axis]:
             a, c = scores[y - dy, x - dx], scores[y + dy, x + dx]
             slope[axis], curve[axis] = (c - a) / 2, a - 2 * b + c
-            if b >= a and b >= c and curve[axis] < 0:
-                step[axis] = -slope[axis] / curve[axis]
-    if all(free) and scores[y - 1 : y + 2, x - 1 : x + 2].max() <= b and max(curve) < 0:
+            highest = ranks[y, x] >= max(ranks[y - dy, x - dx], ranks[y + dy, x + dx])
+            if highest and curve[axis] < -e:
+                step[axis] = np.clip(-slope[axis] / curve[axis], -0.5, 0.5)
+    if all(free) and ranks[y - 1 : y + 2, x - 1 : x + 2].max() <= ranks[y, x] and max(curve) < 0:
         m = (scores[y + 1, x + 1] + scores[y - 1, x - 1] - scores[y - 1, x + 1] - scores[y + 1, x - 1]) / 4
         d = curve[0] * curve[1] - m * m
-        if d > 0:
+        if d > -e * sum(curve):
             tops = (m * slope[1] - curve[1] * slope[0]) / d, (m * slope[0] - curve[0] * slope[1]) / d
             step = np.clip(tops, -0.5, 0.5)
     return step
