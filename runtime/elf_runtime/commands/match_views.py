@@ -195,7 +195,7 @@ class Views:
         found = file.decoded(stored)
         if found.shape[:2] != tuple(self.features(index).image_size):
             raise ElfError(f"{path}: it is no longer of the size that {self.paths[index]} was made from")
-        if record.get("image_sha256") not in (None, file.sha256):
+        if (digest := record.get("image_sha256")) is not None and digest != file.sha256:
             raise ElfError(f"{path}: it is no longer the image that {self.paths[index]} was made from")
         self._seen[index] = found
         if len(self._seen) > 2:

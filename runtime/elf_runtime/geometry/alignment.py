@@ -89,7 +89,9 @@ class Squares:
 
     def _normalized(self, patches: Array) -> tuple[Array, Array]:
         """The (K, P) patches less their planes, of unit length, and the (K, 1) lengths; a flat one is 0."""
-        rest = patches - patches @ self._ramps @ self._ramps.T
+        centred = patches - patches.mean(axis=1, keepdims=True)
+        # Row by row, so that a result does not depend on which others are computed with it.
+        rest = centred - (centred[:, None] @ self._ramps @ self._ramps.T)[:, 0]
         length = np.maximum(np.linalg.norm(rest, axis=1, keepdims=True), np.float32(1e-3))
         return rest / length, length
 
